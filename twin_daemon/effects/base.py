@@ -1,0 +1,91 @@
+"""What an effect is: named parameters, a place, an edit of the MJCF, or a line in the measurement model."""
+
+from __future__ import annotations
+
+from abc import ABC
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from twin_daemon.errors import BadInput, nearest
+
+ActsOn = Literal["joint", "tendon", "actuator", "sensor", "hand"]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where an effect acts. `joint`, `actuator`, `tendon` are MJCF names; `command` is the data's.
+
+    `driven` are the MJCF joints that the actuator moves (two for an underactuated finger's J0).
+    """
+
+    target: str
+    joint: str | None = None
+    actuator: str | None = None
+    command: str | None = None
+    tendon: str | None = None
+    driven: tuple[str, ...] = ()
+
+
+@dataclass
+class Measurement:
+    """What lies between a joint and its reading: measured = gain * angle + offset, by joint name in the data."""
+
+    gain: dict[str, float] = field(default_factory=dict)
+    offset_rad: dict[str, float] = field(default_factory=dict)
+
+    def apply(self, joints: tuple[str, ...], position: np.ndarray) -> np.ndarray:
+        """True angles (..., j) -> readings (..., j), in rad."""
+        gain = np.array([self.gain.get(name, 1.0) for name in joints])
+        offset = np.array([self.offset_rad.get(name, 0.0) for name in joints])
+        return position * gain + offset
+
+    def invert(self, joints: tuple[str, ...], reading: np.ndarray) -> np.ndarray:
+        """Readings (..., j) -> true angles (..., j), in rad."""
+        gain = np.array([self.gain.get(name, 1.0) for name in joints])
+        offset = np.array([self.offset_rad.get(name, 0.0) for name in joints])
+        return (reading - offset) / gain
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of an effect. At `neutral` the effect changes nothing."""
+
+    name: str
+    unit: str
+    lower: float
+    upper: float
+    neutral: float
+    default: float
+    meaning: str
+    log: bool = False
+
+
+class Effect(ABC):
+    """One physical effect. A subclass is one file; its class docstring is the mechanism for people."""
+
+    key: ClassVar[str]
+    acts_on: ClassVar[ActsOn]
+    parameters: ClassVar[tuple[Parameter, ...]]
+
+    def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:
+        """Writes the effect into the MjSpec. Effects of the sensor leave the model as it is."""
+
+    def measure(self, measurement: Measurement, place: Place, values: Mapping[str, float]) -> None:
+        """Writes the effect into the measurement model. Effects of the mechanics leave it as it is."""
+
+    def complete(self, values: Mapping[str, float]) -> dict[str, float]:
+        """The values by name with defaults filled in. Raises BadInput on unknown names or unphysical values."""
+        known = {parameter.name: parameter for parameter in self.parameters}
+        for name, value in values.items():
+            if name not in known:
+                raise BadInput(f"'{self.key}' has no parameter '{name}'", todo=nearest(name, known))
+            parameter = known[name]
+            if not parameter.lower <= value <= parameter.upper:
+                raise BadInput(
+                    f"{self.key}: {name} = {value:g} {parameter.unit} is outside physics",
+                    allowed=f"{parameter.lower:g} to {parameter.upper:g} {parameter.unit}",
+                )
+        return {name: float(values.get(name, parameter.default)) for name, parameter in known.items()}

@@ -1,0 +1,205 @@
+"""A recording beside the commands that caused it, on one clock, ready for roll-outs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from twin_daemon.errors import BadInput
+from twin_daemon.recordings.recording import Recording
+from twin_daemon.signals.commands import CommandSignal
+from twin_daemon.signals.trajectory import Trajectory
+from twin_daemon.simulation.rollout import roll_out
+from twin_daemon.simulation.twin import TwinModel
+
+MOVING_RAD = 0.05
+"""A joint moves where its measured travel exceeds this; stiller ones say nothing about a model."""
+
+_SETTLE_S = 0.04  # the first samples, from which the starting velocity is read
+
+
+@dataclass(frozen=True)
+class Aligned:
+    """One recording with its commands.
+
+    `time_s` (n,) since the first sample; `measured` (n, j) rad in the order of `joints` (NaN where a sample
+    lacks a joint). The command at time t is `signal.sample(t - onset_s)`. `onset_free` says that the
+    recording does not hold its commands, so that the onset is estimated and a delay cannot be told from it.
+    """
+
+    recording: Recording
+    joints: tuple[str, ...]
+    time_s: np.ndarray
+    measured: np.ndarray
+    signal: CommandSignal
+    onset_s: float
+    onset_free: bool
+
+    @property
+    def moving(self) -> np.ndarray:
+        """(j,) bool: the joints whose measured travel says something about a model."""
+        with np.errstate(invalid="ignore"):
+            known = np.isfinite(self.measured).sum(axis=0) > 1
+            travel = np.zeros(len(self.joints))
+            if known.any():
+                low, high = np.nanpercentile(self.measured[:, known], [0.5, 99.5], axis=0)
+                travel[known] = high - low
+        return travel > MOVING_RAD
+
+    def with_onset(self, onset_s: float) -> Aligned:
+        return replace(self, onset_s=float(onset_s))
+
+    def controls(self, twin: TwinModel, time_s: np.ndarray, onset_s: float | None = None) -> np.ndarray:
+        """Controls (T, nu) at the given times (T,); what is never commanded holds its measured start."""
+        onset = self.onset_s if onset_s is None else onset_s
+        start = np.where(np.isfinite(self.start_position), self.start_position, 0.0)
+        rest = twin.drive @ start
+        return twin.controls(self.signal.names, self.signal.sample(time_s - onset), rest)
+
+    @property
+    def start_position(self) -> np.ndarray:
+        """(j,) rad: each joint's first measured value, averaged over the few samples in which it cannot have moved."""
+        out = np.full(len(self.joints), np.nan)
+        for column, values in enumerate(self.measured.T):
+            known = np.flatnonzero(np.isfinite(values))
+            if known.size:
+                out[column] = values[known[0]]
+        return out
+
+    def start_state(self, twin: TwinModel) -> tuple[np.ndarray, np.ndarray]:
+        """((nq,), (nv,)): the measured start, as true angles; at rest unless the first samples clearly move."""
+        position = twin.measurement.invert(self.joints, self.start_position)
+        qvel = np.zeros(twin.model.nv)
+        early = self.time_s <= _SETTLE_S
+        if early.sum() >= 4:
+            for column, dof in enumerate(twin.dof_adr):
+                values = self.measured[early, column]
+                if np.isfinite(values).all():
+                    slope, offset = np.polyfit(self.time_s[early], values, 1)
+                    scatter = np.std(values - slope * self.time_s[early] - offset)
+                    if abs(slope) * _SETTLE_S > 6.0 * max(scatter, 2e-3):
+                        qvel[dof] = slope
+        return twin.initial_qpos(position), qvel
+
+
+def align(twin: TwinModel, recording: Recording, trajectory: Trajectory | None = None) -> Aligned:
+    """Puts a recording and its commands on one clock; without recorded commands the onset is estimated.
+
+    Raises BadInput where the recording shares no joint with the model, or has no commands and no trajectory.
+    """
+    shared = [name for name in twin.joints if name in recording.joints]
+    if not shared:
+        raise BadInput(
+            f"none of its joints ({', '.join(recording.joints[:4])}, ...) is in the model",
+            where=recording.path,
+            allowed=", ".join(twin.joints[:6]) + ", ...",
+            todo="Rename them with --joint-map, or choose the hand or model that was recorded",
+        )
+    measured = np.full((len(recording.stamp_ns), len(twin.joints)), np.nan)
+    for name in shared:
+        measured[:, twin.joints.index(name)] = recording.position[:, recording.joints.index(name)]
+    time_s = (recording.stamp_ns - recording.stamp_ns[0]) * 1e-9
+    if trajectory is None and recording.commands is not None:
+        signal = CommandSignal.from_stream(recording.commands, int(recording.stamp_ns[0]))
+        _require_drive(twin, signal, recording)
+        return Aligned(recording, twin.joints, time_s, measured, signal, 0.0, onset_free=False)
+    if trajectory is None:
+        raise BadInput(
+            "the recording holds no commands",
+            where=recording.path,
+            todo="Say which trajectory ran with --trajectory FILE.yaml:NAME, or record joint_commands as well",
+        )
+    signal = CommandSignal.from_trajectory(trajectory)
+    _require_drive(twin, signal, recording)
+    found = Aligned(recording, twin.joints, time_s, measured, signal, 0.0, onset_free=True)
+    return found.with_onset(command_onset(twin, found))
+
+
+def _require_drive(twin: TwinModel, signal: CommandSignal, recording: Recording) -> None:
+    _, determined = twin.command_map(signal.names)
+    if not determined.any():
+        raise BadInput(
+            f"none of its commands ({', '.join(signal.names[:4])}, ...) drives the model",
+            where=recording.path,
+            allowed=", ".join(twin.actuators[:6]) + ", ...",
+            todo="Rename them with --joint-map",
+        )
+
+
+def command_onset(twin: TwinModel, aligned: Aligned) -> float:
+    """The shift (s) at which the raw command lies closest to the measured actuated angles.
+
+    It contains the delay and the servo lag of the real hand: without recorded commands they cannot be told
+    apart. Least squares over the actuators that move, a grid first and then a bounded refinement.
+    """
+    actuated = twin.drive @ aligned.measured.T  # (nu, n)
+    moving = np.ptp(np.where(np.isfinite(actuated), actuated, 0.0), axis=1) > MOVING_RAD
+    _, determined = twin.command_map(aligned.signal.names)
+    use = moving & determined & np.isfinite(actuated).any(axis=1)
+    if not use.any():
+        return 0.0
+
+    def error(onset: float) -> float:
+        commanded = aligned.controls(twin, aligned.time_s, onset).T
+        return float(np.nanmean((commanded[use] - actuated[use]) ** 2))
+
+    length = float(aligned.signal.time_s[-1])
+    grid = np.arange(-length, aligned.time_s[-1], 0.05)
+    best = grid[int(np.argmin([error(onset) for onset in grid]))]
+    found = minimize_scalar(error, bounds=(best - 0.06, best + 0.06), method="bounded", options={"xatol": 1e-4})
+    return float(found.x)
+
+
+def model_onset(twin: TwinModel, aligned: Aligned, *, threads: int | None = None) -> float:
+    """The shift (s) at which the twin's own roll-out lies closest to the measured actuated angles.
+
+    Starts from the raw command's onset; the model brings a lag of its own, so its command has to lead.
+    """
+    onset = command_onset(twin, aligned)
+    span = 0.2
+    for _ in range(3):
+        trials = onset + np.linspace(-span, span, 9)
+        predicted = predict(twin, aligned, onsets_s=trials, threads=threads)
+        actuated = np.einsum("uj,bnj->bun", twin.drive, predicted - aligned.measured)
+        use = [u for u in range(len(twin.actuators)) if (twin.drive[u] != 0)[aligned.moving].any()]
+        errors = np.nanmean(actuated[:, use] ** 2, axis=(1, 2))
+        errors = np.where(np.isfinite(errors), errors, np.inf)
+        onset = _parabola(trials, errors)
+        span /= 4.0
+    return onset
+
+
+def _parabola(x: np.ndarray, y: np.ndarray) -> float:
+    best = int(np.argmin(y))
+    if 0 < best < len(x) - 1 and np.isfinite(y[best - 1 : best + 2]).all():
+        left, middle, right = y[best - 1 : best + 2]
+        curvature = left - 2 * middle + right
+        if curvature > 0:
+            return float(x[best] + 0.5 * (x[1] - x[0]) * (left - right) / curvature)
+    return float(x[best])
+
+
+def predict(
+    twin: TwinModel, aligned: Aligned, *, onsets_s: np.ndarray | None = None, threads: int | None = None
+) -> np.ndarray:
+    """What the sensors would read had the twin been the hand: (n, j), or (B, n, j) for B onsets."""
+    step_s = float(twin.model.opt.timestep)
+    steps = int(np.ceil(aligned.time_s[-1] / step_s)) + 1
+    grid = np.arange(steps) * step_s
+    onsets = np.atleast_1d(aligned.onset_s if onsets_s is None else onsets_s)
+    controls = np.stack([aligned.controls(twin, grid, onset) for onset in onsets])
+    qpos, qvel = aligned.start_state(twin)
+    positions = roll_out([twin.model], controls, qpos[None], qvel[None], threads=threads)
+    sampled = resample(positions[:, :, twin.qpos_adr], step_s, aligned.time_s)
+    read = twin.measurement.apply(twin.joints, sampled)
+    return read if onsets_s is not None else read[0]
+
+
+def resample(positions: np.ndarray, step_s: float, time_s: np.ndarray) -> np.ndarray:
+    """Positions (B, T, j) on a grid from 0 -> linear interpolation at times (n,): (B, n, j)."""
+    place = np.clip(time_s / step_s, 0.0, positions.shape[1] - 1)
+    index = np.minimum(place.astype(int), positions.shape[1] - 2)
+    weight = (place - index)[None, :, None]
+    return positions[:, index] * (1.0 - weight) + positions[:, index + 1] * weight

@@ -1,0 +1,205 @@
+"""The physical parameters that a MuJoCo model already has, by kind.
+
+A parameter is named `<joint or command as in the data>.<kind>`, or `<body>.<kind>` for inertial ones. Each
+kind writes the same change in two places: into a compiled model (fast, no recompiling: for fits) and into the
+MjSpec (for the MJCF that is stored). A test holds both writes to the same compiled model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import mujoco
+import numpy as np
+
+Element = Literal["joint", "actuator", "tendon", "body"]
+
+
+@dataclass(frozen=True)
+class ParameterKind:
+    """One kind of parameter: its unit, physical bounds, and how it is read and written.
+
+    `lower` and `upper` are what is physically sensible for the parts of a hand or a small arm, not a search
+    box. `log` says that the parameter is positive and is searched by its logarithm. `constants` says that
+    MuJoCo derives constants from it, so that mj_setConst has to follow a write into a compiled model.
+    """
+
+    key: str
+    element: Element
+    unit: str
+    lower: float
+    upper: float
+    log: bool
+    read: Callable[[mujoco.MjModel, int], float]
+    write: Callable[[mujoco.MjModel, int, float], None]
+    edit: Callable[[Any, float], None]
+    constants: bool = False
+
+
+def _dof(model: mujoco.MjModel, joint: int) -> int:
+    return int(model.jnt_dofadr[joint])
+
+
+def _dof_kind(key: str, field: str, unit: str, lower: float, upper: float, *, constants: bool = False):
+    def read(model: mujoco.MjModel, joint: int) -> float:
+        return float(getattr(model, field)[_dof(model, joint)])
+
+    def write(model: mujoco.MjModel, joint: int, value: float) -> None:
+        getattr(model, field)[_dof(model, joint)] = value
+
+    def edit(joint: Any, value: float) -> None:
+        _set_first(joint, key, value)
+
+    return ParameterKind(key, "joint", unit, lower, upper, True, read, write, edit, constants)
+
+
+def _set_first(element: Any, attribute: str, value: float) -> None:
+    """Sets an attribute that is a number, or the linear coefficient of one that is a polynomial."""
+    current = getattr(element, attribute)
+    if np.ndim(current):
+        current[0] = value
+    else:
+        setattr(element, attribute, value)
+
+
+def _write_springref(model: mujoco.MjModel, joint: int, value: float) -> None:
+    model.qpos_spring[model.jnt_qposadr[joint]] = value
+
+
+def _range_kind(key: str, side: int) -> ParameterKind:
+    def write(model: mujoco.MjModel, joint: int, value: float) -> None:
+        model.jnt_range[joint, side] = value
+
+    def edit(joint: Any, value: float) -> None:
+        joint.range[side] = value
+
+    return ParameterKind(
+        key, "joint", "rad", -np.pi, np.pi, False, lambda m, j: float(m.jnt_range[j, side]), write, edit
+    )
+
+
+def _write_kp(model: mujoco.MjModel, actuator: int, value: float) -> None:
+    model.actuator_gainprm[actuator, 0] = value
+    model.actuator_biasprm[actuator, 1] = -value
+
+
+def _edit_kp(actuator: Any, value: float) -> None:
+    actuator.gainprm[0] = value
+    actuator.biasprm[1] = -value
+
+
+def _tendon_kind(key: str, field: str, attribute: str, unit: str, upper: float) -> ParameterKind:
+    def write(model: mujoco.MjModel, tendon: int, value: float) -> None:
+        getattr(model, field)[tendon] = value
+
+    def edit(tendon: Any, value: float) -> None:
+        _set_first(tendon, attribute, value)
+
+    return ParameterKind(
+        key, "tendon", unit, 1e-5, upper, True, lambda m, t: float(getattr(m, field)[t]), write, edit
+    )
+
+
+def _scale_mass(model: mujoco.MjModel, body: int, value: float) -> None:
+    # mass and inertia together: a denser body, which always exists
+    factor = value / model.body_mass[body]
+    model.body_mass[body] = value
+    model.body_inertia[body] *= factor
+
+
+def _edit_mass(body: Any, value: float) -> None:
+    factor = value / body.mass
+    body.mass = value
+    body.inertia = np.asarray(body.inertia) * factor
+
+
+def _com_kind(axis: int) -> ParameterKind:
+    def write(model: mujoco.MjModel, body: int, value: float) -> None:
+        model.body_ipos[body, axis] = value
+
+    def edit(body: Any, value: float) -> None:
+        body.ipos[axis] = value
+
+    return ParameterKind(
+        f"com_{'xyz'[axis]}", "body", "m", -0.5, 0.5, False, lambda m, b: float(m.body_ipos[b, axis]), write, edit, True
+    )
+
+
+def _read_inertia(model: mujoco.MjModel, body: int) -> float:
+    return float(model.body_inertia[body].sum())
+
+
+def _scale_inertia(model: mujoco.MjModel, body: int, value: float) -> None:
+    # all three moments by one factor: the triangle inequality of a real body stays satisfied
+    model.body_inertia[body] *= value / model.body_inertia[body].sum()
+
+
+def _edit_inertia(body: Any, value: float) -> None:
+    inertia = np.asarray(body.inertia)
+    body.inertia = inertia * (value / inertia.sum())
+
+
+KINDS: dict[str, ParameterKind] = {
+    kind.key: kind
+    for kind in (
+        _dof_kind("damping", "dof_damping", "N m s/rad", 1e-4, 20.0),
+        _dof_kind("frictionloss", "dof_frictionloss", "N m", 1e-5, 5.0),
+        _dof_kind("armature", "dof_armature", "kg m2", 1e-6, 1.0, constants=True),
+        ParameterKind(
+            "stiffness",
+            "joint",
+            "N m/rad",
+            1e-5,
+            50.0,
+            True,
+            lambda m, j: float(m.jnt_stiffness[j]),
+            lambda m, j, v: m.jnt_stiffness.__setitem__(j, v),
+            lambda joint, v: _set_first(joint, "stiffness", v),
+        ),
+        ParameterKind(
+            "springref",
+            "joint",
+            "rad",
+            -200.0,
+            200.0,
+            False,
+            lambda m, j: float(m.qpos_spring[m.jnt_qposadr[j]]),
+            _write_springref,
+            lambda joint, v: setattr(joint, "springref", v),
+        ),
+        _range_kind("range_lower", 0),
+        _range_kind("range_upper", 1),
+        ParameterKind(
+            "kp",
+            "actuator",
+            "N m/rad",
+            1e-2,
+            1e3,
+            True,
+            lambda m, a: float(m.actuator_gainprm[a, 0]),
+            _write_kp,
+            _edit_kp,
+        ),
+        _tendon_kind("tendon_damping", "tendon_damping", "damping", "N m s/rad", 20.0),
+        _tendon_kind("tendon_frictionloss", "tendon_frictionloss", "frictionloss", "N m", 5.0),
+        ParameterKind(
+            "mass",
+            "body",
+            "kg",
+            1e-4,
+            50.0,
+            True,
+            lambda m, b: float(m.body_mass[b]),
+            _scale_mass,
+            _edit_mass,
+            True,
+        ),
+        ParameterKind("inertia", "body", "kg m2", 1e-9, 10.0, True, _read_inertia, _scale_inertia, _edit_inertia, True),
+        _com_kind(0),
+        _com_kind(1),
+        _com_kind(2),
+    )
+}
+"""Every kind of parameter by its key. `inertia` is the sum of the three principal moments."""
