@@ -1,0 +1,35 @@
+"""Where the models, trajectories and the state of this installation are."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import platformdirs
+
+_PACKAGE = Path(__file__).resolve().parent
+
+
+def _data_dir(name: str) -> Path:
+    """The folder `name` beside the package in a checkout, or the copy that a wheel carries inside it."""
+    inside = _PACKAGE / "_data" / name
+    return inside if inside.is_dir() else _PACKAGE.parent / name
+
+
+def models_dir() -> Path:
+    """Folder of hand descriptions, one folder a hand."""
+    return _data_dir("models")
+
+
+def trajectories_dir() -> Path:
+    """Folder of the trajectories that come with this package."""
+    return _data_dir("trajectories")
+
+
+def state_dir() -> Path:
+    """Folder of versions, recordings and the audit log; created by whoever writes first.
+
+    TWIN_STATE_DIR wins; under systemd STATE_DIRECTORY is set (several are separated by colons: the first is ours).
+    """
+    chosen = os.environ.get("TWIN_STATE_DIR") or os.environ.get("STATE_DIRECTORY", "").split(":")[0]
+    return Path(chosen).expanduser() if chosen else platformdirs.user_state_path("twin_daemon")
