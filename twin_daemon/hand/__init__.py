@@ -1,0 +1,24 @@
+"""Hands: their descriptions, the names of their joints, and how they fit their models."""
+
+from __future__ import annotations
+
+from .description import CommandInfo, HandDescription, JointInfo, Keys, Topics
+from .loading import DEFAULT_HAND, Hand, known_hands, load_hand
+from .mjcf import compile_model, refuse_unphysical
+from .naming import canonical, match
+
+__all__ = [
+    "DEFAULT_HAND",
+    "CommandInfo",
+    "Hand",
+    "HandDescription",
+    "JointInfo",
+    "Keys",
+    "Topics",
+    "canonical",
+    "compile_model",
+    "known_hands",
+    "load_hand",
+    "match",
+    "refuse_unphysical",
+]
