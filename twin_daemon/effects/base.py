@@ -29,6 +29,11 @@ class Place:
     driven: tuple[str, ...] = ()
 
 
+def motor_joint(place: Place) -> str:
+    """The name of the motor-side joint that stands between an actuator and what it drives, where there is one."""
+    return f"{place.actuator}_motor"
+
+
 @dataclass
 class Measurement:
     """What lies between a joint and its reading: measured = gain * angle + offset, by joint name in the data."""

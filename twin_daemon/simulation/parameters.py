@@ -68,6 +68,22 @@ def _write_springref(model: mujoco.MjModel, joint: int, value: float) -> None:
     model.qpos_spring[model.jnt_qposadr[joint]] = value
 
 
+_SLACK = 1e-5  # N m/rad: the weakest spring that can still hold a preload
+
+
+def _write_preload(model: mujoco.MjModel, joint: int, value: float) -> None:
+    model.jnt_stiffness[joint] = max(model.jnt_stiffness[joint], _SLACK)
+    _write_springref(model, joint, value / model.jnt_stiffness[joint])
+
+
+def _edit_preload(joint: Any, value: float) -> None:
+    stiffness = float(np.ravel(joint.stiffness)[0])
+    if stiffness < _SLACK:
+        stiffness = _SLACK
+        _set_first(joint, "stiffness", stiffness)
+    joint.springref = value / stiffness
+
+
 def _range_kind(key: str, side: int) -> ParameterKind:
     def write(model: mujoco.MjModel, joint: int, value: float) -> None:
         model.jnt_range[joint, side] = value
@@ -169,6 +185,17 @@ KINDS: dict[str, ParameterKind] = {
             _write_springref,
             lambda joint, v: setattr(joint, "springref", v),
         ),
+        ParameterKind(
+            "preload",
+            "joint",
+            "N m",
+            -5.0,
+            5.0,
+            False,
+            lambda m, j: float(m.jnt_stiffness[j] * m.qpos_spring[m.jnt_qposadr[j]]),
+            _write_preload,
+            _edit_preload,
+        ),
         _range_kind("range_lower", 0),
         _range_kind("range_upper", 1),
         ParameterKind(
@@ -202,4 +229,4 @@ KINDS: dict[str, ParameterKind] = {
         _com_kind(2),
     )
 }
-"""Every kind of parameter by its key. `inertia` is the sum of the three principal moments."""
+"""Every kind of parameter by its key. `preload` is the spring's torque at angle 0; `inertia` is the sum of the three principal moments."""

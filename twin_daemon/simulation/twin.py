@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -11,13 +11,13 @@ import mujoco
 import numpy as np
 
 from twin_daemon.effects import LIBRARY
-from twin_daemon.effects.base import Measurement, Place
+from twin_daemon.effects.base import Measurement, Place, motor_joint
 from twin_daemon.errors import BadInput, nearest
 from twin_daemon.hand.description import Hand
 from twin_daemon.hand.naming import match
 from twin_daemon.simulation.parameters import KINDS, ParameterKind
 from twin_daemon.simulation.selfcontained import inline_meshes
-from twin_daemon.simulation.terms import Terms
+from twin_daemon.simulation.terms import EffectTerm, Terms
 
 
 @dataclass(frozen=True)
@@ -40,23 +40,30 @@ class TwinModel:
     """A compiled twin.
 
     `joints` are the joint names of the data that the model has, in the hand description's order; `qpos_adr`
-    and `dof_adr` (j,) are where they live. `actuators` (nu,) is the command name of each actuator.
+    and `dof_adr` (j,) are where they live. `actuators` (nu,) is the command name of each actuator. `nominal`
+    is the MjSpec without terms, `base_model` the compiled one with parameters and without effects.
     """
 
-    def __init__(self, hand: Hand, spec: Any, terms: Terms) -> None:
+    def __init__(self, hand: Hand, nominal: Any, terms: Terms) -> None:
         self.hand = hand
         self.terms = terms
-        self._nominal = spec
-        self.spec = spec.copy()
-        self.measurement = Measurement()
+        self.nominal = nominal
         try:
-            self._apply(terms)
-            self.model = self.spec.compile()
+            self._base = nominal.copy()
+            self.base_model = self._base.compile()
+            self._map_names()
+            if terms.parameters:
+                self._edit_parameters(terms.parameters)
+                self.base_model = self._base.compile()
+            self.spec, self.measurement = self.build(terms.effects)
+            self.model = self.spec.compile() if terms.effects else self.base_model
         except (ValueError, mujoco.FatalError) as error:
             raise BadInput(
                 f"the MJCF does not compile: {error}", where=hand.model_path, todo="Mend the model or the terms"
             ) from None
-        self._map_names()
+        ids = [self.model.joint(name).id for name in self._joint_names]
+        self.qpos_adr = self.model.jnt_qposadr[ids].astype(int)
+        self.dof_adr = self.model.jnt_dofadr[ids].astype(int)
 
     @classmethod
     def load(cls, hand: Hand, terms: Terms | None = None) -> TwinModel:
@@ -78,34 +85,30 @@ class TwinModel:
 
     def changed(self, terms: Terms) -> TwinModel:
         """Another twin of the same hand: the same nominal model with other terms."""
-        return TwinModel(self.hand, self._nominal, terms)
+        return TwinModel(self.hand, self.nominal, terms)
 
     # -- names ---------------------------------------------------------------------------------------------
 
     def _map_names(self) -> None:
-        description, model = self.hand.description, self.model
-        present = [(name, info) for name, info in description.joints.items() if self._id("joint", info.joint) >= 0]
+        description, model = self.hand.description, self.base_model
+        known = {model.joint(i).name for i in range(model.njnt)}
+        present = [(name, info.joint) for name, info in description.joints.items() if info.joint in known]
         self.joints = tuple(name for name, _ in present)
-        ids = np.array([self._id("joint", info.joint) for _, info in present], dtype=int)
-        self.qpos_adr = model.jnt_qposadr[ids].astype(int)
-        self.dof_adr = model.jnt_dofadr[ids].astype(int)
+        self._joint_names = tuple(joint for _, joint in present)
         by_actuator = {info.actuator: name for name, info in description.commands.items()}
         names = [model.actuator(i).name for i in range(model.nu)]
         self.actuators = tuple(by_actuator.get(name, name) for name in names)
 
-    def _id(self, element: str, name: str) -> int:
-        return mujoco.mj_name2id(self.model, getattr(mujoco.mjtObj, f"mjOBJ_{element.upper()}"), name)
-
     @cached_property
     def drive(self) -> np.ndarray:
         """(nu, j): the actuated quantity (joint angle, or the sum a tendon pulls) as a linear map of the joints."""
-        drive = np.zeros((self.model.nu, len(self.joints)))
-        column = {int(adr): i for i, adr in enumerate(self.dof_adr)}
-        for actuator in range(self.model.nu):
-            for joint, coefficient in driven_joints(self.model, actuator):
-                dof = int(self.model.jnt_dofadr[joint])
-                if dof in column:
-                    drive[actuator, column[dof]] = coefficient
+        drive = np.zeros((len(self.actuators), len(self.joints)))
+        column = {joint: i for i, joint in enumerate(self._joint_names)}
+        for actuator in range(len(self.actuators)):
+            for joint, coefficient in driven_joints(self.base_model, actuator):
+                name = self.base_model.joint(joint).name
+                if name in column:
+                    drive[actuator, column[name]] = coefficient
         return drive
 
     def place(self, target: str) -> Place:
@@ -135,7 +138,7 @@ class TwinModel:
     def _place(self, name: str, joint: str | None, actuator: int | None) -> Place:
         if actuator is None:
             return Place(target=name, joint=joint)
-        model = self.model
+        model = self.base_model
         tendon = None
         if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_TENDON:
             tendon = model.tendon(int(model.actuator_trnid[actuator, 0])).name
@@ -152,7 +155,7 @@ class TwinModel:
             raise BadInput(f"no parameter kind '{key}' in '{name}'", todo=nearest(key, KINDS))
         if kind.element == "body":
             element = target
-            bodies = [self.model.body(i).name for i in range(1, self.model.nbody)]
+            bodies = [self.base_model.body(i).name for i in range(1, self.base_model.nbody)]
             if element not in bodies:
                 raise BadInput(f"no body '{target}' for '{name}'", todo=nearest(target, bodies))
         else:
@@ -160,35 +163,38 @@ class TwinModel:
             element = {"joint": place.joint, "actuator": place.actuator, "tendon": place.tendon}[kind.element]
             if element is None:
                 raise BadInput(f"'{target}' has no {kind.element}, so no '{key}'")
-        return ParameterRef(name, kind, element, self._id(kind.element, element))
+        return ParameterRef(name, kind, element, getattr(self.base_model, kind.element)(element).id)
 
-    def _apply(self, terms: Terms) -> None:
-        """Edits the spec: effects need names, names need a compiled model, so parameters come first."""
-        if terms.parameters or terms.effects:
-            self.model = self.spec.compile()
-            self._map_names()
+    def _edit_parameters(self, parameters: Mapping[str, float]) -> None:
         order = list(KINDS)
-        for name in sorted(terms.parameters, key=lambda n: (order.index(self.parameter(n).kind.key), n)):
-            self._edit(self.parameter(name), terms.parameters[name])
-        for term in sorted(terms.effects, key=lambda t: (list(LIBRARY).index(_known(t.effect)), t.target)):
+        refs = [self.parameter(name) for name in parameters]
+        # a spring's stiffness before its preload, a body's mass before its inertia
+        for ref in sorted(refs, key=lambda ref: (order.index(ref.kind.key), ref.name)):
+            value = parameters[ref.name]
+            if not ref.kind.lower <= value <= ref.kind.upper:
+                raise BadInput(
+                    f"{ref.name} = {value:g} {ref.kind.unit} is not physical",
+                    allowed=f"{ref.kind.lower:g} to {ref.kind.upper:g} {ref.kind.unit}",
+                )
+            element = getattr(self._base, ref.kind.element)(ref.element)
+            if ref.kind.element == "body":
+                make_inertia_explicit(element, self.base_model.body(ref.element))
+            ref.kind.edit(element, value)
+
+    def build(self, effects: Sequence[EffectTerm]) -> tuple[Any, Measurement]:
+        """This twin's parametrised spec with effects, not yet compiled, and its measurement model.
+
+        Effects are applied in the library's order, whatever the order in which they were added.
+        """
+        spec = self._base.copy() if effects else self._base
+        measurement = Measurement()
+        rank = {key: index for index, key in enumerate(LIBRARY)}
+        for term in sorted(effects, key=lambda term: (rank[_known(term.effect)], term.target)):
             effect, place = LIBRARY[term.effect], self.place(term.target)
             values = effect.complete(term.values)
-            effect.edit(self.spec, place, values)
-            effect.measure(self.measurement, place, values)
-
-    def _edit(self, ref: ParameterRef, value: float) -> None:
-        if not ref.kind.lower <= value <= ref.kind.upper:
-            raise BadInput(
-                f"{ref.name} = {value:g} {ref.kind.unit} is not physical",
-                allowed=f"{ref.kind.lower:g} to {ref.kind.upper:g} {ref.kind.unit}",
-            )
-        element = getattr(self.spec, ref.kind.element)(ref.element)
-        if ref.kind.element == "body" and not element.explicitinertial:
-            body = self.model.body(ref.element)
-            element.explicitinertial = True
-            element.mass, element.ipos, element.iquat = float(body.mass[0]), body.ipos, body.iquat
-            element.inertia = body.inertia
-        ref.kind.edit(element, value)
+            effect.edit(spec, place, values)
+            effect.measure(measurement, place, values)
+        return spec, measurement
 
     # -- signals -------------------------------------------------------------------------------------------
 
@@ -229,10 +235,18 @@ class TwinModel:
         return np.where(missing, rest, controls)
 
     def initial_qpos(self, position: np.ndarray) -> np.ndarray:
-        """A model configuration (nq,) with the measured joints (j,) set; NaN leaves the model's default."""
+        """A model configuration (nq,) with the measured joints (j,) set; NaN leaves the model's default.
+
+        A motor-side joint that an effect has added starts where its transmission is at rest.
+        """
         qpos = self.model.qpos0.copy()
         known = np.isfinite(position)
         qpos[self.qpos_adr[known]] = np.asarray(position)[known]
+        actuated = self.drive @ np.where(known, position, 0.0)
+        for index, name in enumerate(self.actuators):
+            motor = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_JOINT, motor_joint(self.place(name)))
+            if motor >= 0:
+                qpos[self.model.jnt_qposadr[motor]] = actuated[index]
         return qpos
 
     def mjcf(self) -> str:
@@ -253,6 +267,14 @@ def driven_joints(model: mujoco.MjModel, actuator: int) -> list[tuple[int, float
         joints = [w for w in wraps if model.wrap_type[w] == mujoco.mjtWrap.mjWRAP_JOINT]
         return [(int(model.wrap_objid[w]), gear * float(model.wrap_prm[w])) for w in joints]
     return []
+
+
+def make_inertia_explicit(body: Any, compiled: Any) -> None:
+    """Writes into a spec's body the mass and inertia that MuJoCo derived from its geoms."""
+    if not body.explicitinertial:
+        body.explicitinertial = True
+        body.mass, body.ipos, body.iquat = float(compiled.mass[0]), compiled.ipos, compiled.iquat
+        body.inertia = compiled.inertia
 
 
 def _known(effect: str) -> str:

@@ -1,0 +1,146 @@
+"""The twin against the measurement: by joint, group and hand, beside reference predictors and the noise floor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from twin_daemon.comparison.noise import noise_variance
+from twin_daemon.simulation.alignment import Aligned, command_onset, model_onset, predict
+from twin_daemon.simulation.twin import TwinModel
+
+_LAG_RANGE_S = 0.3
+
+
+@dataclass(frozen=True)
+class JointError:
+    """One joint's error. Positive bias: the joint reads more than predicted; positive lag: it comes later."""
+
+    mse_rad2: float
+    rmse_rad: float
+    max_abs_rad: float
+    bias_rad: float
+    lag_s: float | None
+    noise_rad2: float
+    moves: bool
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One recording against one twin. `predicted` and `aligned.measured` are (n, j) rad in `joints` order."""
+
+    aligned: Aligned
+    predicted: np.ndarray
+    joints: dict[str, JointError]
+
+    @property
+    def residual(self) -> np.ndarray:
+        """(n, j) rad: measured minus predicted."""
+        return self.aligned.measured - self.predicted
+
+
+def compare_recording(twin: TwinModel, aligned: Aligned, *, threads: int | None = None) -> Comparison:
+    """Rolls the twin out under the recording's commands and judges it joint by joint.
+
+    Where the recording does not hold its commands, the onset is chosen in the model's favour; the raw command,
+    as a reference predictor, gets the same right.
+    """
+    if aligned.onset_free:
+        aligned = aligned.with_onset(model_onset(twin, aligned, threads=threads))
+    predicted = predict(twin, aligned, threads=threads)
+    return Comparison(aligned, predicted, _joint_errors(aligned, predicted))
+
+
+def _joint_errors(aligned: Aligned, predicted: np.ndarray) -> dict[str, JointError]:
+    moving = aligned.moving
+    errors = {}
+    for column, name in enumerate(aligned.joints):
+        measured = aligned.measured[:, column]
+        known = np.isfinite(measured)
+        if not known.any():
+            continue
+        residual = measured[known] - predicted[known, column]
+        mse = float(np.mean(residual**2))
+        lag = _lag(aligned.time_s[known], measured[known], predicted[known, column]) if moving[column] else None
+        errors[name] = JointError(
+            mse_rad2=mse,
+            rmse_rad=float(np.sqrt(mse)),
+            max_abs_rad=float(np.max(np.abs(residual))),
+            bias_rad=float(np.mean(residual)),
+            lag_s=lag,
+            noise_rad2=noise_variance(measured),
+            moves=bool(moving[column]),
+        )
+    return errors
+
+
+def _lag(time_s: np.ndarray, measured: np.ndarray, predicted: np.ndarray) -> float | None:
+    """The shift of the prediction (s) that brings it closest to the measurement; None where it hardly moves."""
+    if np.ptp(predicted) < 1e-3 or time_s[-1] < 2 * _LAG_RANGE_S:
+        return None
+    inner = (time_s >= _LAG_RANGE_S) & (time_s <= time_s[-1] - _LAG_RANGE_S)
+
+    def error(lag: float) -> float:
+        shifted = np.interp(time_s[inner] - lag, time_s, predicted)
+        gap = measured[inner] - shifted
+        return float(np.mean((gap - gap.mean()) ** 2))
+
+    grid = np.linspace(-_LAG_RANGE_S, _LAG_RANGE_S, 61)
+    best = grid[int(np.argmin([error(lag) for lag in grid]))]
+    found = minimize_scalar(error, bounds=(best - 0.01, best + 0.01), method="bounded", options={"xatol": 1e-5})
+    return float(found.x)
+
+
+def raw_command_mse(twin: TwinModel, aligned: Aligned) -> dict[str, float]:
+    """Mean squared error (rad^2) by moving joint of predicting that every joint is where it was told to be.
+
+    The command may lag by whatever suits it best, so that it is not blamed for a servo's delay. A tendon's
+    command is split evenly over its joints, which is all that a command alone can say.
+    """
+    onset = command_onset(twin, aligned)
+    commanded = aligned.controls(twin, aligned.time_s, onset)  # (n, nu)
+    split = np.linalg.pinv(twin.drive)  # (j, nu)
+    predicted = commanded @ split.T
+    return {
+        name: float(np.nanmean((aligned.measured[:, i] - predicted[:, i]) ** 2))
+        for i, name in enumerate(aligned.joints)
+        if aligned.moving[i] and split[i].any()
+    }
+
+
+def pooled(comparisons: Sequence[Comparison]) -> dict[str, JointError]:
+    """The joints of several recordings as one: means weighted by samples, the worst of the extremes."""
+    names = list(dict.fromkeys(name for c in comparisons for name in c.joints))
+    out = {}
+    for name in names:
+        having = [c for c in comparisons if name in c.joints]
+        moving = [c for c in having if c.joints[name].moves] or having
+        weights = np.array([len(c.aligned.time_s) for c in moving], float)
+        parts = [c.joints[name] for c in moving]
+        mse = float(np.average([p.mse_rad2 for p in parts], weights=weights))
+        lags = [p.lag_s for p in parts if p.lag_s is not None]
+        out[name] = JointError(
+            mse_rad2=mse,
+            rmse_rad=float(np.sqrt(mse)),
+            max_abs_rad=max(p.max_abs_rad for p in parts),
+            bias_rad=float(np.average([p.bias_rad for p in parts], weights=weights)),
+            lag_s=float(np.median(lags)) if lags else None,
+            noise_rad2=float(np.average([p.noise_rad2 for p in parts], weights=weights)),
+            moves=any(p.moves for p in parts),
+        )
+    return out
+
+
+def mean_over_moving(joints: Mapping[str, JointError], only: Sequence[str] | None = None) -> float | None:
+    """Mean squared error (rad^2) over the joints that move, optionally of one group; None where none does."""
+    values = [e.mse_rad2 for name, e in joints.items() if e.moves and (only is None or name in only)]
+    return float(np.mean(values)) if values else None
+
+
+def noise_floor(joints: Mapping[str, JointError]) -> float | None:
+    """Mean noise variance (rad^2) over the joints that move: what would be left by a perfect model."""
+    values = [e.noise_rad2 for e in joints.values() if e.moves]
+    return float(np.mean(values)) if values else None

@@ -1,0 +1,29 @@
+"""How much of the error no model can explain: the sensor's noise and resolution."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def noise_variance(values: np.ndarray) -> float:
+    """Variance (rad^2) of the reading about the true angle, from one joint's samples (n,).
+
+    Second differences cancel the motion: their mean square is 6 times the noise variance. They are taken over
+    the quietest half of the recording, so that impacts and steps do not count as noise. A quantised sensor at
+    rest shows no differences at all, so a resolution q counts with q^2/12 at least.
+    """
+    values = values[np.isfinite(values)]
+    if values.size < 32:
+        return resolution(values) ** 2 / 12.0
+    squares = np.diff(values, n=2) ** 2
+    blocks = np.array([block.mean() for block in np.array_split(squares, max(8, squares.size // 25))])
+    quiet = np.sort(blocks)[: max(1, len(blocks) // 2)]
+    return float(max(quiet.mean() / 6.0, resolution(values) ** 2 / 12.0))
+
+
+def resolution(values: np.ndarray) -> float:
+    """The step (rad) in which a sensor counts, or 0 where its readings take nearly as many values as samples."""
+    distinct = np.unique(values)
+    if distinct.size < 2 or distinct.size > 0.5 * values.size:
+        return 0.0
+    return float(np.median(np.diff(distinct)))

@@ -1,0 +1,171 @@
+"""A calibration as a function: knob coordinates in, residuals out, many candidates at once on all cores."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from twin_daemon.effects.base import Measurement
+from twin_daemon.fitting.knobs import Knob
+from twin_daemon.simulation.alignment import Aligned, resample
+from twin_daemon.simulation.parameters import KINDS
+from twin_daemon.simulation.rollout import roll_out
+from twin_daemon.simulation.terms import EffectTerm
+from twin_daemon.simulation.twin import TwinModel
+
+_DIVERGED_RAD = 10.0  # what a simulation that left the finite numbers counts as
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One point of the search as it enters a roll-out."""
+
+    model: mujoco.MjModel
+    measurement: Measurement
+    onsets_s: tuple[float, ...]
+
+
+class Problem:
+    """The error of a twin over recordings, as a function of knobs in unit coordinates.
+
+    `objective` are the joints that count. The sum of squares of `residuals` is the mean over these joints of
+    the mean squared error (rad^2) plus the priors' share.
+    """
+
+    def __init__(
+        self,
+        twin: TwinModel,
+        recordings: Sequence[Aligned],
+        knobs: Sequence[Knob],
+        objective: Sequence[str],
+        *,
+        threads: int | None = None,
+    ) -> None:
+        self.twin = twin
+        self.recordings = tuple(recordings)
+        self.knobs = tuple(knobs)
+        self.objective = tuple(objective)
+        self.threads = threads
+        self.evaluations = 0
+        self._columns = np.array([twin.joints.index(name) for name in objective], int)
+        refs = [twin.parameter(w[1]) for knob in knobs for w in knob.writes if w[0] == "parameter"]
+        # in the kinds' order: a spring's stiffness is written before its preload
+        self._refs = {ref.name: ref for ref in sorted(refs, key=lambda ref: list(KINDS).index(ref.kind.key))}
+        self._scales = {name: ref.read(twin.model) for name, ref in self._refs.items()}
+        self._constants = any(ref.kind.constants for ref in self._refs.values())
+        self._grids = [np.arange(int(np.ceil(r.time_s[-1] / twin.model.opt.timestep)) + 1) for r in recordings]
+        self._starts = [r.start_state(twin) for r in recordings]
+        weights = [np.isfinite(r.measured[:, self._columns]) for r in recordings]
+        self._known = weights
+        self._per_joint = np.maximum(sum(w.sum(axis=0) for w in weights), 1)
+
+    # -- points --------------------------------------------------------------------------------------------
+
+    @property
+    def start(self) -> np.ndarray:
+        """(p,) the knobs' own start in unit coordinates."""
+        return np.array([knob.coordinate(knob.start) for knob in self.knobs])
+
+    def values(self, unit: np.ndarray) -> np.ndarray:
+        """Unit coordinates (p,) -> values in the knobs' units."""
+        return np.array([knob.value(u) for knob, u in zip(self.knobs, unit, strict=True)])
+
+    def candidate(self, unit: np.ndarray) -> Candidate:
+        """Builds the model, measurement model and onsets of one point."""
+        parameters, effects, onsets = self.settings(unit)
+        if effects is None:
+            model, measurement = copy.copy(self.twin.model), self.twin.measurement
+        else:
+            spec, measurement = self.twin.build(effects)
+            model = spec.compile()
+        for name, value in parameters.items():
+            self._refs[name].write(model, value)
+        if self._constants:
+            mujoco.mj_setConst(model, mujoco.MjData(model))
+        return Candidate(model, measurement, onsets)
+
+    def settings(
+        self, unit: np.ndarray
+    ) -> tuple[dict[str, float], tuple[EffectTerm, ...] | None, tuple[float, ...]]:
+        """(parameters by name, effects or None where no knob turns one, onset of each recording) of a point."""
+        parameters: dict[str, float] = {}
+        effects = {(t.effect, t.target): dict(t.values) for t in self.twin.terms.effects}
+        turned = False
+        onsets = [r.onset_s for r in self.recordings]
+        for knob, value in zip(self.knobs, self.values(unit), strict=True):
+            for kind, *where in knob.writes:
+                if kind == "parameter":
+                    scale = self._scales[where[0]] if knob.mode == "scale" else 1.0
+                    parameters[where[0]] = float(value * scale)
+                elif kind == "effect":
+                    key, _, target = where[0].partition(":")
+                    effects.setdefault((key, target), {})[where[1]] = float(value)
+                    turned = True
+                else:
+                    onsets[int(where[0])] += float(value)
+        terms = tuple(EffectTerm(effect=k, target=t, values=v) for (k, t), v in effects.items())
+        order = {name: index for index, name in enumerate(self._refs)}
+        ordered = dict(sorted(parameters.items(), key=lambda item: order[item[0]]))
+        return ordered, terms if turned else None, tuple(onsets)
+
+    # -- errors --------------------------------------------------------------------------------------------
+
+    def predict(self, points: np.ndarray) -> list[np.ndarray]:
+        """Predicted readings of the objective's joints, one (B, n, k) array a recording, for points (B, p)."""
+        candidates = [self.candidate(point) for point in points]
+        self.evaluations += len(candidates)
+        step_s = float(self.twin.model.opt.timestep)
+        readings = []
+        for index, recording in enumerate(self.recordings):
+            onsets = [c.onsets_s[index] for c in candidates]
+            grid = self._grids[index] * step_s
+            distinct = {onset: recording.controls(self.twin, grid, onset) for onset in dict.fromkeys(onsets)}
+            if len(distinct) == 1:
+                controls = next(iter(distinct.values()))[None]
+            else:
+                controls = np.stack([distinct[onset] for onset in onsets])
+            qpos, qvel = self._starts[index]
+            positions = roll_out([c.model for c in candidates], controls, qpos[None], qvel[None], threads=self.threads)
+            sampled = resample(positions[:, :, self.twin.qpos_adr], step_s, recording.time_s)
+            read = [c.measurement.apply(self.twin.joints, s) for c, s in zip(candidates, sampled, strict=True)]
+            readings.append(np.stack(read)[:, :, self._columns])
+        return readings
+
+    def joint_residuals(self, points: np.ndarray) -> list[np.ndarray]:
+        """Measured minus predicted in rad, (B, n, k) a recording; what was not measured counts as 0."""
+        out = []
+        for recording, known, read in zip(self.recordings, self._known, self.predict(points), strict=True):
+            measured = np.where(known, recording.measured[:, self._columns], 0.0)
+            gap = np.where(known[None], measured[None] - read, 0.0)
+            out.append(np.nan_to_num(gap, nan=_DIVERGED_RAD, posinf=_DIVERGED_RAD, neginf=-_DIVERGED_RAD))
+        return out
+
+    def residuals(self, points: np.ndarray) -> np.ndarray:
+        """(B, m) residuals whose sum of squares is the objective."""
+        scale = 1.0 / np.sqrt(self._per_joint * len(self._columns))
+        rows = [(r * scale).reshape(len(points), -1) for r in self.joint_residuals(points)]
+        prior = self.prior_residuals(points)
+        return np.concatenate([*rows, prior], axis=1)
+
+    def prior_residuals(self, points: np.ndarray) -> np.ndarray:
+        """(B, q) pulls towards the knobs' priors; zero-width where none has one."""
+        columns = []
+        for index, knob in enumerate(self.knobs):
+            if knob.prior is not None:
+                position = knob.low + points[:, index] * (knob.high - knob.low)
+                columns.append((position - knob.prior.mean) / knob.prior.sigma * self.prior_weight)
+        return np.stack(columns, axis=1) if columns else np.zeros((len(points), 0))
+
+    prior_weight: float = 0.0
+    """rad: how a prior's one sigma weighs against the error; set by whoever knows the noise."""
+
+    def mse(self, points: np.ndarray) -> np.ndarray:
+        """(B,) mean squared error in rad^2 over the objective's joints, without priors."""
+        total = np.zeros(len(points))
+        for residual in self.joint_residuals(points):
+            total += ((residual**2).sum(axis=1) / self._per_joint).mean(axis=1)
+        return total

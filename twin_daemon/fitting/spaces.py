@@ -1,0 +1,164 @@
+"""Search spaces as data: which parameters a calibration may turn, how far, and from where."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from twin_daemon.errors import BadInput, nearest
+from twin_daemon.fitting.knobs import Knob
+from twin_daemon.simulation.parameters import KINDS, ParameterKind
+from twin_daemon.simulation.twin import TwinModel
+
+_FOLDER = Path(__file__).parent / "spaces"
+_ZERO_START = 20.0  # a parameter that is 0 in the model starts this factor above its lower bound
+
+
+class SpaceEntry(BaseModel):
+    """One line of a space: a kind of parameter and where it is turned."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    kind: str
+    of: list[str] = Field(description="groups, joints, commands or bodies; 'moving' and 'driving' follow the data")
+    share: bool = Field(default=False, description="one value for all of a group instead of one for each member")
+    lower: float | None = None
+    upper: float | None = None
+    within: float | None = Field(default=None, gt=0, description="+- this fraction of the start, instead of bounds")
+    start: float | None = Field(default=None, description="instead of the model's own value")
+
+
+class Space(BaseModel):
+    """A search space. `objective` are the joints or groups whose error counts; the moving joints if empty."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    format: Literal[1] = Field(alias="schema")
+    name: str
+    about: str
+    objective: list[str] = []
+    parameters: list[SpaceEntry]
+
+
+def space_names() -> list[str]:
+    """The spaces that come with the program."""
+    return sorted(path.stem for path in _FOLDER.glob("*.yaml"))
+
+
+def load_space(space: str) -> Space:
+    """A space by name, or from a YAML file. Raises BadInput saying which key is wrong."""
+    path = _FOLDER / f"{space}.yaml" if space in space_names() else Path(space)
+    if not path.is_file():
+        raise BadInput(f"no space '{space}'", todo=nearest(space, space_names()) + ", or give a YAML file")
+    try:
+        return Space.model_validate(yaml.safe_load(path.read_text()))
+    except (UnicodeDecodeError, yaml.YAMLError) as error:
+        raise BadInput(f"not readable as YAML: {error}", where=path) from None
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise BadInput(f"{where}: {first['msg']}", where=path, allowed="the keys of the spaces in docs/") from None
+
+
+def knobs_of(space: Space, twin: TwinModel, moving: tuple[str, ...]) -> tuple[Knob, ...]:
+    """The knobs of a space on one twin; `moving` are the joints that move in the data."""
+    knobs: list[Knob] = []
+    for entry in space.parameters:
+        if entry.kind not in KINDS:
+            raise BadInput(f"space '{space.name}': no parameter kind '{entry.kind}'", todo=nearest(entry.kind, KINDS))
+        kind = KINDS[entry.kind]
+        for label, members in _members(entry, kind, twin, moving):
+            if members:
+                knobs.append(_knob(entry, kind, twin, label, members, space.name))
+    if not knobs:
+        raise BadInput(f"space '{space.name}' turns nothing in this model", allowed="joints, groups and commands of it")
+    return tuple(knobs)
+
+
+def objective_of(space: Space, twin: TwinModel, moving: tuple[str, ...]) -> tuple[str, ...]:
+    """The joints whose error the space minimises: its own list where that moves, else all that move."""
+    groups = twin.hand.description.groups
+    wanted = [j for item in space.objective for j in groups.get(item, [item])]
+    chosen = tuple(j for j in moving if not wanted or j in wanted)
+    if not chosen:
+        raise BadInput(f"no joint of space '{space.name}' moves in this recording", todo="Record a motion of its joints")
+    return chosen
+
+
+def _members(
+    entry: SpaceEntry, kind: ParameterKind, twin: TwinModel, moving: tuple[str, ...]
+) -> list[tuple[str, list[str]]]:
+    groups = twin.hand.description.groups
+    out: list[tuple[str, list[str]]] = []
+    for item in entry.of:
+        if item == "moving":
+            names = list(moving)
+        elif item == "driving":
+            names = [a for a, row in zip(twin.actuators, twin.drive, strict=True)
+                     if any(row[twin.joints.index(j)] for j in moving)]  # fmt: skip
+        elif item == "bodies":
+            names = _moved_bodies(twin, moving)
+        else:
+            names = list(groups.get(item, [item]))
+        if kind.element == "tendon":
+            names = [n for n in names if twin.place(n).tendon is not None]
+        if kind.element in ("joint", "tendon") and item in groups:
+            names = [n for n in names if n in moving]
+        if entry.share:
+            out.append((f"{item}.{kind.key}", [f"{n}.{kind.key}" for n in names]))
+        else:
+            out.extend((f"{n}.{kind.key}", [f"{n}.{kind.key}"]) for n in names)
+    return out
+
+
+def _moved_bodies(twin: TwinModel, moving: tuple[str, ...]) -> list[str]:
+    joints = [twin.hand.description.joints[name].joint for name in moving]
+    bodies = [twin.model.body(int(twin.model.joint(j).bodyid[0])) for j in joints]
+    return list(dict.fromkeys(body.name for body in bodies if body.mass[0] > 0))
+
+
+def _knob(
+    entry: SpaceEntry, kind: ParameterKind, twin: TwinModel, label: str, members: list[str], space: str
+) -> Knob:
+    current = float(twin.parameter(members[0]).read(twin.model))
+    start = current if entry.start is None else entry.start
+    lower = kind.lower if entry.lower is None else entry.lower
+    upper = kind.upper if entry.upper is None else entry.upper
+    if entry.within is not None:
+        reach = entry.within * abs(start)
+        lower, upper = start - reach, start + reach
+        if lower == upper:
+            raise BadInput(f"space '{space}': {label} starts at 0, so +-{entry.within:.0%} of it is nothing")
+        # a box around a positive parameter may not reach below zero: such friction does not exist
+        lower, upper = max(lower, kind.lower), min(upper, kind.upper)
+    if not kind.lower <= lower < upper <= kind.upper:
+        raise BadInput(
+            f"space '{space}': bounds {lower:g} to {upper:g} {kind.unit} of {label} are not physical",
+            allowed=f"{kind.lower:g} to {kind.upper:g} {kind.unit}",
+        )
+    if start <= lower and kind.log and entry.start is None:
+        start = min(lower * _ZERO_START, upper)
+    joints = tuple(j for name in members for j in _touched(twin, kind, name.rpartition(".")[0]))
+    return Knob(
+        name=label,
+        unit=kind.unit,
+        lower=lower,
+        upper=upper,
+        start=float(min(max(start, lower), upper)),
+        log=kind.log and lower > 0 and entry.within is None,
+        writes=tuple(("parameter", name) for name in members),
+        joints=joints,
+    )
+
+
+def _touched(twin: TwinModel, kind: ParameterKind, target: str) -> list[str]:
+    if kind.element == "body":
+        body = twin.model.body(target).id
+        return [j for j, dof in zip(twin.joints, twin.dof_adr, strict=True) if twin.model.dof_bodyid[dof] == body]
+    place = twin.place(target)
+    names = {info.joint: name for name, info in twin.hand.description.joints.items()}
+    driven = place.driven if kind.element != "joint" else (place.joint,)
+    return [names[joint] for joint in driven if joint in names]

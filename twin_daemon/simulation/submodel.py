@@ -1,0 +1,180 @@
+"""Parts of a hand that move on their own: a finger, the thumb, the wrist, or a whole arm.
+
+A roll-out of one finger costs a fraction of the whole hand's, and what happens in one finger says nothing
+about another. A part is a branch of the kinematic tree; the trunk below it (a wrist) stays in the part's model
+when it moves, and is welded where it stands when it does not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from twin_daemon.hand.description import Hand
+from twin_daemon.simulation.terms import Terms
+from twin_daemon.simulation.twin import TwinModel, driven_joints, make_inertia_explicit
+
+
+@dataclass(frozen=True)
+class Part:
+    """`joints` are the data's names that belong to the part, `trunk` those it stands on (base first)."""
+
+    name: str
+    joints: tuple[str, ...]
+    trunk: tuple[str, ...]
+
+
+def parts(twin: TwinModel) -> tuple[Part, ...]:
+    """The branches of the hand: joints that share a chain or an actuator belong together."""
+    model = twin.model
+    bodies = {name: int(model.dof_bodyid[dof]) for name, dof in zip(twin.joints, twin.dof_adr, strict=True)}
+    ancestors = {name: _ancestors(model, body) for name, body in bodies.items()}
+    above = {a: [b for b in bodies if b != a and bodies[a] in ancestors[b]] for a in bodies}
+    # a trunk joint carries joints of at least two branches that do not carry each other
+    trunk = {a for a, carried in above.items() if _branches(carried, bodies, ancestors)}
+    parent = {name: name for name in bodies}
+
+    def root(name: str) -> str:
+        while parent[name] != name:
+            name = parent[name]
+        return name
+
+    for a, carried in above.items():
+        for b in carried:
+            if a not in trunk and b not in trunk:
+                parent[root(b)] = root(a)
+    for row in twin.drive:
+        together = [twin.joints[j] for j in np.flatnonzero(row) if twin.joints[j] not in trunk]
+        for b in together[1:]:
+            parent[root(b)] = root(together[0])
+    found = []
+    if trunk:
+        found.append(Part("trunk", tuple(n for n in twin.joints if n in trunk), ()))
+    for head in dict.fromkeys(root(name) for name in twin.joints if name not in trunk):
+        members = tuple(n for n in twin.joints if n not in trunk and root(n) == head)
+        under = tuple(n for n in trunk if any(bodies[n] in ancestors[m] for m in members))
+        found.append(Part(_part_name(twin, members), members, under))
+    return tuple(found)
+
+
+def _part_name(twin: TwinModel, members: tuple[str, ...]) -> str:
+    """The smallest named group that holds all of the part's joints."""
+    fitting = [(len(g), name) for name, g in twin.hand.description.groups.items() if set(members) <= set(g)]
+    return min(fitting)[1] if fitting and len(members) > 1 else members[0]
+
+
+def _ancestors(model: mujoco.MjModel, body: int) -> set[int]:
+    out = {body}
+    while body:
+        body = int(model.body_parentid[body])
+        out.add(body)
+    return out
+
+
+def _branches(carried: list[str], bodies: dict[str, int], ancestors: dict[str, set[int]]) -> bool:
+    heads = [c for c in carried if not any(bodies[o] in ancestors[c] and bodies[o] != bodies[c] for o in carried)]
+    return len({bodies[h] for h in heads}) > 1
+
+
+def submodel(twin: TwinModel, keep: tuple[str, ...], position: np.ndarray, *, contacts: bool = False) -> TwinModel:
+    """The twin reduced to some joints; the others are welded at `position` (j,) rad, and what they carry goes.
+
+    Without `contacts` there are no geoms: for motions in which nothing touches. The terms of joints and
+    commands that are gone are dropped.
+    """
+    spec = twin.nominal.copy()
+    model = twin.model
+    joints = {name: info.joint for name, info in twin.hand.description.joints.items() if name in twin.joints}
+    kept = {joints[name] for name in keep}
+    _delete_actuators(spec, twin, kept)
+    _delete_tendons(spec, kept)
+    for equality in list(spec.equalities):
+        spec.delete(equality)
+    for index, name in enumerate(twin.joints):
+        if name not in keep:
+            angle = float(position[index]) if np.isfinite(position[index]) else 0.0
+            _weld(spec, joints[name], angle)
+    for body in _loose_bodies(model, kept):
+        found = spec.body(body)
+        if found is not None:
+            spec.delete(found)
+    for key in list(spec.keys):
+        spec.delete(key)
+    if not contacts:
+        _strip(spec, twin.base_model)
+    description = twin.hand.description
+    smaller = description.model_copy(update={"joints": {n: description.joints[n] for n in twin.joints if n in keep}})
+    reduced = TwinModel(Hand(smaller, twin.hand.model_path), spec, Terms())
+    names = {reduced.place(n).target for n in (*reduced.joints, *reduced.actuators)}
+    bodies = {reduced.model.body(i).name for i in range(1, reduced.model.nbody)}
+    parameters = {n: v for n, v in twin.terms.parameters.items() if n.rpartition(".")[0] in names | bodies}
+    effects = tuple(t for t in twin.terms.effects if t.target in names or t.target == "hand")
+    return reduced.changed(Terms(parameters=parameters, effects=effects))
+
+
+def _delete_actuators(spec: Any, twin: TwinModel, kept: set[str]) -> None:
+    base = twin.base_model
+    for index in range(base.nu):
+        driven = [base.joint(j).name for j, _ in driven_joints(base, index)]
+        if not driven or not set(driven) <= kept:
+            spec.delete(spec.actuator(base.actuator(index).name))
+    for sensor in list(spec.sensors):
+        spec.delete(sensor)
+    for exclude in list(spec.excludes):
+        spec.delete(exclude)
+    for pair in list(spec.pairs):
+        spec.delete(pair)
+
+
+def _delete_tendons(spec: Any, kept: set[str]) -> None:
+    for tendon in list(spec.tendons):
+        joints = [wrap.target.name for wrap in tendon.path if wrap.type == mujoco.mjtWrap.mjWRAP_JOINT]
+        if not joints or not set(joints) <= kept:
+            spec.delete(tendon)
+
+
+def _weld(spec: Any, joint_name: str, angle: float) -> None:
+    joint = spec.joint(joint_name)
+    body = joint.parent
+    quat = np.array(body.quat, float)
+    turn, shift = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)
+    if joint.type == mujoco.mjtJoint.mjJNT_HINGE:
+        mujoco.mju_axisAngle2Quat(turn, np.asarray(joint.axis, float) / np.linalg.norm(joint.axis), angle)
+        anchor = np.array(joint.pos, float)
+        moved = np.empty(3)
+        mujoco.mju_rotVecQuat(moved, anchor, turn)
+        shift = anchor - moved
+    else:
+        shift = np.asarray(joint.axis, float) * angle
+    world = np.empty(3)
+    mujoco.mju_rotVecQuat(world, shift, quat)
+    combined = np.empty(4)
+    mujoco.mju_mulQuat(combined, quat, turn)
+    body.pos = np.asarray(body.pos) + world
+    body.quat = combined
+    spec.delete(joint)
+
+
+def _loose_bodies(model: mujoco.MjModel, kept: set[str]) -> list[str]:
+    """Topmost bodies whose subtree carries no kept joint and that stand on one: they weigh, so they stay;
+    those that stand on nothing kept are scenery for this part and go."""
+    needed: set[int] = set()
+    for name in kept:
+        needed |= _ancestors(model, int(model.joint(name).bodyid[0]))
+    carriers = {int(model.joint(name).bodyid[0]) for name in kept}
+    loose = []
+    for body in range(1, model.nbody):
+        above = _ancestors(model, body)
+        if body not in needed and not (above & carriers) and int(model.body_parentid[body]) in needed | {0}:
+            loose.append(model.body(body).name)
+    return [name for name in loose if name]
+
+
+def _strip(spec: Any, model: mujoco.MjModel) -> None:
+    for body in spec.bodies[1:]:
+        make_inertia_explicit(body, model.body(body.name))
+    for element in [*spec.geoms, *spec.meshes, *spec.cameras, *spec.lights, *spec.materials, *spec.textures]:
+        spec.delete(element)
