@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from .description import CommandInfo, HandDescription, JointInfo, Keys, Topics
-from .loading import DEFAULT_HAND, Hand, known_hands, load_hand
+from .description import DEFAULT_HAND, Hand, known_hands, load_hand
 from .mjcf import compile_model, refuse_unphysical
 from .naming import canonical, match
+from .schema import CommandInfo, HandDescription, JointInfo, Keys, Topics
 
 __all__ = [
     "DEFAULT_HAND",

@@ -1,158 +1,161 @@
-"""The description of a hand: what stands in models/<name>/hand.yaml, checked field by field."""
+"""From a name, a YAML file or an MJCF alone to a hand that is known to fit its model."""
 
 from __future__ import annotations
 
-import string
-from typing import Annotated, Any, Literal
+import re
+from dataclasses import dataclass
+from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from twin_daemon import resources
+from twin_daemon.errors import BadInput, nearest
 
-from twin_daemon.errors import nearest
+from .mjcf import ModelNames, Servo, compile_model, read_names
+from .naming import canonical, match, side
+from .schema import CommandInfo, HandDescription, JointInfo
+from .validation import read_yaml, validated
 
-from .groups import derive_groups
-from .naming import canonical
+DEFAULT_HAND = "shadow_hand"
 
-Name = Annotated[str, Field(min_length=1, max_length=200)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-
-
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+__all__ = ["DEFAULT_HAND", "CommandInfo", "Hand", "HandDescription", "JointInfo", "known_hands", "load_hand"]
 
 
-class JointInfo(_Strict):
-    """One joint as the data name it."""
+@dataclass(frozen=True)
+class Hand:
+    """A description that fits its model: every joint and actuator it names is there.
 
-    joint: Name
-    """The joint of the MJCF."""
-    noise_rad: NotNegative = 0.0003
-    """Standard deviation of the sensor at rest, quantisation aside."""
-    resolution_rad: NotNegative = 0.0010
-    """Quantisation step of the sensor; 0 where none can be seen."""
-    velocity_limit_rad_s: Positive = 4.0
-    acceleration_limit_rad_s2: Positive = 500.0
+    Ranges are infinite where the model sets no limit. For a command that drives several joints the range, velocity
+    and acceleration are those of their sum (the J0 of a finger: J1 + J2).
+    """
 
+    description: HandDescription
+    model_path: Path
+    joint_range_rad: dict[str, tuple[float, float]]
+    command_range_rad: dict[str, tuple[float, float]]
 
-class CommandInfo(_Strict):
-    """One command as the data name it: the actuator it goes to and the joints of the data that it moves."""
+    @property
+    def name(self) -> str:
+        return self.description.name
 
-    actuator: Name
-    joints: Annotated[list[Name], Field(min_length=1)]
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Joints as the data name them, in the order of the description."""
+        return tuple(self.description.joints)
 
+    @property
+    def commands(self) -> tuple[str, ...]:
+        """Commands as the data name them, in the order of the description."""
+        return tuple(self.description.commands)
 
-class Topics(_Strict):
-    """Names of the ROS topics. {joint} in position_controller is the bare command in lower case: ffj3, ffj0."""
+    def velocity_limit_rad_s(self, command: str) -> float:
+        joints = self.description.commands[command].joints
+        return sum(self.description.joints[joint].velocity_limit_rad_s for joint in joints)
 
-    joint_states: Name = "joint_states"
-    joint_commands: Name = "joint_commands"
-    trajectory: Name = "joint_trajectory"
-    position_controller: Name = "{joint}_position_controller/command"
-
-    @field_validator("position_controller")
-    @classmethod
-    def _one_joint(cls, text: str) -> str:
-        return _template(text, {"joint"})
-
-
-class Keys(_Strict):
-    """Zenoh key expressions; {ns} is the namespace of the hand, {verb} a command such as move."""
-
-    joint_states: Name = "{ns}/joint_states"
-    joint_commands: Name = "{ns}/joint_commands"
-    twin_joint_states: Name = "twin/{ns}/joint_states"
-    residual: Name = "twin/{ns}/residual"
-    events: Name = "twin/{ns}/events"
-    health: Name = "twin/{ns}/health"
-    state: Name = "twin/{ns}/state"
-    version: Name = "twin/{ns}/version"
-    versions: Name = "twin/{ns}/versions/**"
-    drift: Name = "twin/{ns}/drift"
-    model: Name = "twin/{ns}/model"
-    command: Name = "twin/{ns}/command/{verb}"
-    alive: Name = "twin/{ns}/alive"
-
-    @model_validator(mode="after")
-    def _placeholders(self) -> Keys:
-        for key, text in self:
-            _template(text, {"ns", "verb"} if key == "command" else {"ns"})
-        return self
+    def acceleration_limit_rad_s2(self, command: str) -> float:
+        joints = self.description.commands[command].joints
+        return sum(self.description.joints[joint].acceleration_limit_rad_s2 for joint in joints)
 
 
-class HandDescription(_Strict):
-    """A hand: its model, the names in its data, what drives what, its sensors, limits, topics, keys and groups."""
+def load_hand(hand: str | Path | None = None, model: Path | str | None = None) -> Hand:
+    """The hand called `hand` (a name in models/, a YAML file or its folder), with the MJCF `model` if one is given.
 
-    schema_: Literal[1] = Field(1, alias="schema")
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_\-]{1,64}$")]
-    model: Name
-    """Path of the MJCF, relative to the description's folder."""
-    namespace: Annotated[str, Field(pattern=r"^[A-Za-z0-9_\-]+(/[A-Za-z0-9_\-]+)*$", max_length=100)]
-    rate_hz: Annotated[float, Field(gt=0, le=10_000)] = 125.0
-    joint_defaults: dict[str, float] = Field(default_factory=dict)
-    """Fields of JointInfo for every joint that does not set its own; merged into `joints` on reading."""
-    joints: Annotated[dict[Name, JointInfo], Field(min_length=1)]
-    commands: dict[Name, CommandInfo] = Field(default_factory=dict)
-    groups: dict[Name, Annotated[list[Name], Field(min_length=1)]] = Field(default_factory=dict)
-    topics: Topics = Field(default_factory=Topics)
-    keys: Keys = Field(default_factory=Keys)
-    trajectory_order: list[Name] = Field(default_factory=list)
-    """Joints of the numbers in a waypoint's `joint_angles`."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _fill_in(cls, raw: Any) -> Any:
-        """What follows from the rest: namespace from the name, each joint its own MJCF joint, groups, order."""
-        if not isinstance(raw, dict):
-            return raw
-        filled: dict[Any, Any] = dict(raw)
-        common = filled.get("joint_defaults") or {}
-        joints = filled.get("joints")
-        if isinstance(joints, dict) and isinstance(common, dict):
-            filled["joints"] = {
-                name: {"joint": name} | common | (info or {}) if isinstance(info, dict | None) else info
-                for name, info in joints.items()
-            }
-            if all(isinstance(name, str) for name in joints):
-                given = filled.get("groups")
-                if given is None or isinstance(given, dict):
-                    filled["groups"] = derive_groups(joints) | (given or {})
-                filled.setdefault("trajectory_order", list(joints))
-        if "name" in filled:
-            filled.setdefault("namespace", filled["name"])
-        return filled
-
-    @model_validator(mode="after")
-    def _names_are_known(self) -> HandDescription:
-        for command, info in self.commands.items():
-            self._known(info.joints, f"commands.{command}.joints")
-        for group, members in self.groups.items():
-            self._known(members, f"groups.{group}")
-        self._known(self.trajectory_order, "trajectory_order")
-        return self
-
-    def _known(self, names: list[str], where: str) -> None:
-        for name in names:
-            if name not in self.joints:
-                raise ValueError(f"{where}: no joint '{name}'. {nearest(name, self.joints)}")
-        if len(set(names)) != len(names):
-            twice = next(name for name in names if names.count(name) > 1)
-            raise ValueError(f"{where}: '{twice}' stands there twice")
-
-    def key(self, name: str, **values: str) -> str:
-        """The Zenoh key `name` of this hand: key("command", verb="move") -> "twin/shadow_hand/command/move"."""
-        return getattr(self.keys, name).format(ns=self.namespace, **values)
-
-    def position_topic(self, command: str) -> str:
-        """The topic of the position controller of one command."""
-        return self.topics.position_controller.format(joint=canonical(command).lower())
+    Without both it is the Shadow Hand. With `model` alone the description is derived from that MJCF. Raises BadInput.
+    """
+    if hand is None and model is not None:
+        return _derive(Path(model))
+    path = _find(hand if hand is not None else DEFAULT_HAND)
+    description = validated(HandDescription, read_yaml(path, "a hand description"), path)
+    model_path = Path(model) if model is not None else path.parent / description.model
+    return _fit(description, model_path.resolve(), path)
 
 
-def _template(text: str, allowed: set[str]) -> str:
-    """`text`, if its placeholders are among `allowed` and well formed."""
-    try:
-        found = {field for _, field, _, _ in string.Formatter().parse(text) if field is not None}
-    except ValueError as error:
-        raise ValueError(f"'{text}' is no template: {error}") from error
-    if not found <= allowed:
-        raise ValueError(f"'{text}' has unknown placeholders; allowed are {sorted(allowed)}")
-    return text
+def known_hands() -> list[str]:
+    """Names of the hands that come with this installation."""
+    return sorted(path.parent.name for path in resources.models_dir().glob("*/hand.yaml"))
+
+
+def _find(hand: str | Path) -> Path:
+    """The description's file. A name in models/ wins over a file of that name in the working directory."""
+    name = str(hand)
+    if name in known_hands():
+        return resources.models_dir() / name / "hand.yaml"
+    path = Path(hand).expanduser()
+    if path.is_dir():
+        path = path / "hand.yaml"
+    if path.is_file():
+        if path.suffix.lower() in (".xml", ".mjcf"):
+            raise BadInput("this is a model, not a hand description", where=path, todo=f"Use --model {path}")
+        return path
+    if path.name == name and not path.suffix:
+        raise BadInput(f"no hand '{name}'", todo=nearest(name, known_hands()))
+    names = ", ".join(known_hands())
+    raise BadInput("no such hand description", where=path, todo=f"Give a YAML file, or a name: {names}")
+
+
+def _fit(description: HandDescription, model_path: Path, path: Path) -> Hand:
+    """`description` with the names as this model spells them. BadInput where the model lacks one."""
+    names = read_names(compile_model(model_path), description.name)
+    joints: dict[str, JointInfo] = {}
+    joint_range: dict[str, tuple[float, float]] = {}
+    for joint, info in description.joints.items():
+        found = _must_match(info.joint, list(names.joint_range_rad), f"joints.{joint}: no joint", model_path, path)
+        joints[joint] = info.model_copy(update={"joint": found})
+        joint_range[joint] = names.joint_range_rad[found]
+    data_name = {info.joint: joint for joint, info in joints.items()}
+    commands: dict[str, CommandInfo] = {}
+    command_range: dict[str, tuple[float, float]] = {}
+    for command, info in description.commands.items():
+        what = f"commands.{command}: no position servo"
+        found = _must_match(info.actuator, list(names.servos), what, model_path, path)
+        servo = names.servos[found]
+        moved = {data_name.get(joint, joint) for joint in servo.joints}
+        if moved != set(info.joints):
+            raise BadInput(
+                f"commands.{command}: actuator '{found}' moves {', '.join(sorted(moved))}, "
+                f"not {', '.join(sorted(info.joints))}",
+                where=path,
+                todo=f"Correct the joints of the command, or the model {model_path}",
+            )
+        commands[command] = info.model_copy(update={"actuator": found})
+        command_range[command] = servo.range_rad
+    fitted = description.model_copy(update={"joints": joints, "commands": commands})
+    return Hand(fitted, model_path, joint_range, command_range)
+
+
+def _must_match(name: str, known: list[str], what: str, model_path: Path, path: Path) -> str:
+    found = match(name, known)
+    if found is None:
+        raise BadInput(f"{what} '{name}' in {model_path.name}", where=path, todo=nearest(name, known))
+    return found
+
+
+def _derive(model_path: Path) -> Hand:
+    """A hand that follows from an MJCF: its 1-dof joints by their own names, its position servos as commands."""
+    names = read_names(compile_model(model_path), re.sub(r"[^A-Za-z0-9_\-]+", "_", model_path.stem)[:64] or "hand")
+    if not names.joint_range_rad:
+        raise BadInput("the model has no named hinge or slide joint", where=model_path, todo="Name its joints")
+    commands = {_command_name(servo, names): servo for servo in names.servos.values()}
+    if len(commands) < len(names.servos):
+        commands = names.servos  # two servos on one joint: only their own names tell them apart
+    raw = {
+        "schema": 1,
+        "name": names.name,
+        "model": model_path.name,
+        "joints": {joint: {} for joint in sorted(names.joint_range_rad)},
+        "commands": {
+            command: {"actuator": servo.name, "joints": list(servo.joints)} for command, servo in commands.items()
+        },
+    }
+    description = validated(HandDescription, raw, model_path)
+    ranges = {joint: names.joint_range_rad[joint] for joint in description.joints}
+    return Hand(
+        description, model_path.resolve(), ranges, {command: servo.range_rad for command, servo in commands.items()}
+    )
+
+
+def _command_name(servo: Servo, names: ModelNames) -> str:
+    """rh_FFJ3 for an actuator rh_A_FFJ3 or FFJ3 on the joint rh_FFJ3; rh_FFJ0 for one on the tendon of J1 and J2."""
+    joint = servo.joints[0]
+    bare = canonical(servo.name)
+    if len(servo.joints) == 1 and canonical(joint) == bare:
+        return joint
+    return (side(servo.name) or side(joint)) + bare

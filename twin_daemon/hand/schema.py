@@ -1,0 +1,158 @@
+"""The description of a hand: what stands in models/<name>/hand.yaml, checked field by field."""
+
+from __future__ import annotations
+
+import string
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from twin_daemon.errors import nearest
+
+from .groups import derive_groups
+from .naming import canonical
+
+Name = Annotated[str, Field(min_length=1, max_length=200)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+
+class JointInfo(_Strict):
+    """One joint as the data name it."""
+
+    joint: Name
+    """The joint of the MJCF."""
+    noise_rad: NotNegative = 0.0003
+    """Standard deviation of the sensor at rest, quantisation aside."""
+    resolution_rad: NotNegative = 0.0010
+    """Quantisation step of the sensor; 0 where none can be seen."""
+    velocity_limit_rad_s: Positive = 4.0
+    acceleration_limit_rad_s2: Positive = 500.0
+
+
+class CommandInfo(_Strict):
+    """One command as the data name it: the actuator it goes to and the joints of the data that it moves."""
+
+    actuator: Name
+    joints: Annotated[list[Name], Field(min_length=1)]
+
+
+class Topics(_Strict):
+    """Names of the ROS topics. {joint} in position_controller is the bare command in lower case: ffj3, ffj0."""
+
+    joint_states: Name = "joint_states"
+    joint_commands: Name = "joint_commands"
+    trajectory: Name = "joint_trajectory"
+    position_controller: Name = "{joint}_position_controller/command"
+
+    @field_validator("position_controller")
+    @classmethod
+    def _one_joint(cls, text: str) -> str:
+        return _template(text, {"joint"})
+
+
+class Keys(_Strict):
+    """Zenoh key expressions; {ns} is the namespace of the hand, {verb} a command such as move."""
+
+    joint_states: Name = "{ns}/joint_states"
+    joint_commands: Name = "{ns}/joint_commands"
+    twin_joint_states: Name = "twin/{ns}/joint_states"
+    residual: Name = "twin/{ns}/residual"
+    events: Name = "twin/{ns}/events"
+    health: Name = "twin/{ns}/health"
+    state: Name = "twin/{ns}/state"
+    version: Name = "twin/{ns}/version"
+    versions: Name = "twin/{ns}/versions/**"
+    drift: Name = "twin/{ns}/drift"
+    model: Name = "twin/{ns}/model"
+    command: Name = "twin/{ns}/command/{verb}"
+    alive: Name = "twin/{ns}/alive"
+
+    @model_validator(mode="after")
+    def _placeholders(self) -> Keys:
+        for key, text in self:
+            _template(text, {"ns", "verb"} if key == "command" else {"ns"})
+        return self
+
+
+class HandDescription(_Strict):
+    """A hand: its model, the names in its data, what drives what, its sensors, limits, topics, keys and groups."""
+
+    schema_: Literal[1] = Field(1, alias="schema")
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_\-]{1,64}$")]
+    model: Name
+    """Path of the MJCF, relative to the description's folder."""
+    namespace: Annotated[str, Field(pattern=r"^[A-Za-z0-9_\-]+(/[A-Za-z0-9_\-]+)*$", max_length=100)]
+    rate_hz: Annotated[float, Field(gt=0, le=10_000)] = 125.0
+    joint_defaults: dict[str, float] = Field(default_factory=dict)
+    """Fields of JointInfo for every joint that does not set its own; merged into `joints` on reading."""
+    joints: Annotated[dict[Name, JointInfo], Field(min_length=1)]
+    commands: dict[Name, CommandInfo] = Field(default_factory=dict)
+    groups: dict[Name, Annotated[list[Name], Field(min_length=1)]] = Field(default_factory=dict)
+    topics: Topics = Field(default_factory=Topics)
+    keys: Keys = Field(default_factory=Keys)
+    trajectory_order: list[Name] = Field(default_factory=list)
+    """Joints of the numbers in a waypoint's `joint_angles`."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_in(cls, raw: Any) -> Any:
+        """What follows from the rest: namespace from the name, each joint its own MJCF joint, groups, order."""
+        if not isinstance(raw, dict):
+            return raw
+        filled: dict[Any, Any] = dict(raw)
+        common = filled.get("joint_defaults") or {}
+        joints = filled.get("joints")
+        if isinstance(joints, dict) and isinstance(common, dict):
+            filled["joints"] = {
+                name: {"joint": name} | common | (info or {}) if isinstance(info, dict | None) else info
+                for name, info in joints.items()
+            }
+            if all(isinstance(name, str) for name in joints):
+                given = filled.get("groups")
+                if given is None or isinstance(given, dict):
+                    filled["groups"] = derive_groups(joints) | (given or {})
+                filled.setdefault("trajectory_order", list(joints))
+        if "name" in filled:
+            filled.setdefault("namespace", filled["name"])
+        return filled
+
+    @model_validator(mode="after")
+    def _names_are_known(self) -> HandDescription:
+        for command, info in self.commands.items():
+            self._known(info.joints, f"commands.{command}.joints")
+        for group, members in self.groups.items():
+            self._known(members, f"groups.{group}")
+        self._known(self.trajectory_order, "trajectory_order")
+        return self
+
+    def _known(self, names: list[str], where: str) -> None:
+        for name in names:
+            if name not in self.joints:
+                raise ValueError(f"{where}: no joint '{name}'. {nearest(name, self.joints)}")
+        if len(set(names)) != len(names):
+            twice = next(name for name in names if names.count(name) > 1)
+            raise ValueError(f"{where}: '{twice}' stands there twice")
+
+    def key(self, name: str, **values: str) -> str:
+        """The Zenoh key `name` of this hand: key("command", verb="move") -> "twin/shadow_hand/command/move"."""
+        return getattr(self.keys, name).format(ns=self.namespace, **values)
+
+    def position_topic(self, command: str) -> str:
+        """The topic of the position controller of one command."""
+        return self.topics.position_controller.format(joint=canonical(command).lower())
+
+
+def _template(text: str, allowed: set[str]) -> str:
+    """`text`, if its placeholders are among `allowed` and well formed."""
+    try:
+        found = {field for _, field, _, _ in string.Formatter().parse(text) if field is not None}
+    except ValueError as error:
+        raise ValueError(f"'{text}' is no template: {error}") from error
+    if not found <= allowed:
+        raise ValueError(f"'{text}' has unknown placeholders; allowed are {sorted(allowed)}")
+    return text
