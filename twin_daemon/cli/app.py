@@ -1,0 +1,83 @@
+"""`twin`: finds the command, runs it, and turns whatever happens into an exit code and at most one line."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Sequence
+from typing import Annotated, Any, NamedTuple
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+import twin_daemon
+from twin_daemon.cli.command import single
+from twin_daemon.cli.failures import guarded
+from twin_daemon.errors import nearest
+
+
+class Entry(NamedTuple):
+    """Where a command is, and what `twin --help` says of it without loading it."""
+
+    module: str  # under twin_daemon.cli; has `app` (a Group) or `command` (a function)
+    help: str
+    panel: str = "Commands"
+
+
+OFFLINE, LIVE, STATE = "With recordings", "Live", "Versions and setup"
+
+# One line a command, in the order of the help.
+COMMANDS: dict[str, Entry] = {
+    "versions": Entry("versions", "List, compare, promote, roll back, export and verify what was learned.", STATE),
+}
+
+
+class LazyGroup(TyperGroup):
+    """A group that knows its commands by name and imports one only when it is called."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        entry = COMMANDS.get(cmd_name)
+        if entry is None:
+            return None
+        return TyperCommand(name=cmd_name, help=entry.help, short_help=entry.help, rich_help_panel=entry.panel)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        name = args[0]
+        if name not in COMMANDS:
+            if name.startswith("-"):
+                return super().resolve_command(ctx, args)
+            ctx.fail(f"There is no command '{name}'. {nearest(name, COMMANDS)}.".replace("?.", "?"))
+        return name, load(name), args[1:]
+
+
+def load(name: str) -> Any:
+    """Import the module of a command and build the command."""
+    module = importlib.import_module(f"twin_daemon.cli.{COMMANDS[name].module}")
+    built = typer.main.get_command(module.app) if hasattr(module, "app") else single(name, module.command)
+    built.name = name
+    return built
+
+
+_app = typer.Typer(cls=LazyGroup, add_completion=True, pretty_exceptions_enable=False)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"twin {twin_daemon.__version__}")
+        raise typer.Exit
+
+
+@_app.callback(epilog="Every command has --help. Results go to --json PATH as well ('-' is standard output).")
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and end.")
+    ] = False,
+) -> None:
+    """A live digital twin of a robot hand that measures its own error, names what it does not model, and grows."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; returns the exit code (see `failures`)."""
+    return guarded(typer.main.get_command(_app), argv)

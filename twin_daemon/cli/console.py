@@ -1,0 +1,94 @@
+"""Where results go: tables for people, one JSON object for programs."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import json
+import math
+import sys
+from collections.abc import Mapping, Set
+from datetime import date
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from twin_daemon.errors import BadInput
+from twin_daemon.files import write_atomically
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+STANDARD_OUTPUT = "-"
+SCHEMA = 1
+
+
+def people(json_path: str | Path | None = None) -> Console:
+    """The console for people: standard output, or standard error when the JSON takes standard output."""
+    from rich.console import Console
+
+    return Console(stderr=str(json_path) == STANDARD_OUTPUT, highlight=False)
+
+
+def progress_console() -> Console:
+    """The console for progress bars and notes: always standard error, so that results can be piped."""
+    from rich.console import Console
+
+    return Console(stderr=True, highlight=False)
+
+
+def plain_text(text: object) -> str:
+    """A name that came from a file, made safe to stand in rich markup ('[red]' stays as written)."""
+    from rich.markup import escape
+
+    return escape(str(text))
+
+
+def emit_json(path: str | Path | None, result: Any) -> None:
+    """Write one object with "schema": 1 to `path` ('-' is standard output; None writes nothing).
+
+    Numbers that are not finite become null. A file is written whole or not at all.
+    """
+    if path is None:
+        return
+    value = plain(result)
+    if not isinstance(value, dict):
+        raise TypeError(f"a result is one JSON object, not {type(result).__name__}")
+    text = json.dumps({"schema": SCHEMA, **value}, allow_nan=False, ensure_ascii=False, indent=2) + "\n"
+    if str(path) == STANDARD_OUTPUT:
+        sys.stdout.write(text)
+        return
+    target = Path(path)
+    if not target.absolute().parent.is_dir():
+        raise BadInput(
+            "the folder for the JSON does not exist", where=target, todo=f"Create {target.parent} or name another path"
+        )
+    write_atomically(target, text.encode())
+
+
+def plain(value: Any) -> Any:
+    """Anything a command may report, as what JSON knows; undefined numbers are None."""
+    if value is None or isinstance(value, (bool, str)):
+        return value
+    if isinstance(value, enum.Enum):
+        return plain(value.value)
+    if isinstance(value, int):
+        return int(value)
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {str(plain(key)): plain(item) for key, item in value.items()}
+    if isinstance(value, Set):
+        return [plain(item) for item in sorted(value, key=str)]
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, date):
+        return value.isoformat()
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if hasattr(value, "model_dump"):  # pydantic
+        return plain(value.model_dump(by_alias=True))
+    if hasattr(value, "tolist"):  # numpy scalars and arrays
+        return plain(value.tolist())
+    raise TypeError(f"{type(value).__name__} has no JSON form")

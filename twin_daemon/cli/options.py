@@ -1,0 +1,100 @@
+"""Options that several commands share, so that they are spelled and explained once.
+
+Use them as annotations: `def command(recording: Recordings, hand: HandName = None, json: Json = None) -> None`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from twin_daemon.errors import UsageError
+
+HandName = Annotated[
+    str | None,
+    typer.Option("--hand", metavar="NAME|PATH", help="Hand description: a name in models/ or a YAML file."),
+]
+Model = Annotated[
+    Path | None,
+    typer.Option("--model", metavar="FILE.xml", help="Any MJCF whose joints bear the names in the data."),
+]
+Recordings = Annotated[
+    list[Path],
+    typer.Option("--recording", metavar="R...", help="Recordings: ROS 1 or 2 bags, MCAP, CSV."),
+]
+OptionalRecordings = Annotated[
+    list[Path] | None,
+    typer.Option("--recording", metavar="R...", help="Recordings: ROS 1 or 2 bags, MCAP, CSV."),
+]
+Holdouts = Annotated[
+    list[Path] | None,
+    typer.Option("--holdout", metavar="R...", help="Recordings that the fit never sees; the error is judged on them."),
+]
+JointMap = Annotated[
+    Path | None,
+    typer.Option("--joint-map", metavar="FILE", help="YAML that renames joints of the data: {name in data: name}."),
+]
+TrajectoryRef = Annotated[
+    str | None,
+    typer.Option(
+        "--trajectory", metavar="FILE.yaml:NAME", help="What was commanded, where the recording has no commands."
+    ),
+]
+VersionRef = Annotated[
+    str | None,
+    typer.Option("--version", metavar="V", help="Version: id, start of an id, name, current, candidate or previous."),
+]
+Terms = Annotated[
+    Path | None,
+    typer.Option("--terms", metavar="FILE", help="Parameters and effects from a file instead of a stored version."),
+]
+Joints = Annotated[
+    list[str] | None,
+    typer.Option("--joints", metavar="J...", help="Only these joints."),
+]
+JointNames = Annotated[
+    list[str],
+    typer.Option("--joint", metavar="J...", help="Joints that the effect acts on."),
+]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="name=value...", help="Values of the effect's parameters; the others are fitted."),
+]
+Space = Annotated[
+    str | None,
+    typer.Option("--space", metavar="NAME|FILE", help="Which parameters may move, and how far."),
+]
+Budget = Annotated[
+    int | None,
+    typer.Option("--budget", metavar="N", min=1, help="Largest number of simulations."),
+]
+Seed = Annotated[int, typer.Option("--seed", metavar="N", help="Same seed, same result.")]
+Seconds = Annotated[
+    float | None,
+    typer.Option("--seconds", metavar="S", min=0.0, help="End by itself after this long."),
+]
+Output = Annotated[
+    Path | None,
+    typer.Option("--output", "-o", metavar="PATH", help="Where to write the result."),
+]
+Json = Annotated[
+    str | None,
+    typer.Option("--json", metavar="PATH", help="Write the result as one JSON object ('-' is standard output)."),
+]
+
+
+def settings(pairs: list[str] | None) -> dict[str, float]:
+    """`["breakaway=0.02"]` -> {"breakaway": 0.02}."""
+    values: dict[str, float] = {}
+    for pair in pairs or []:
+        name, equals, value = pair.partition("=")
+        try:
+            number = float(value)
+        except ValueError:
+            number = None
+        if not (name and equals) or number is None:
+            raise UsageError(f"'{pair}' is not name=value", where="--set", todo="Write --set breakaway=0.02")
+        values[name] = number
+    return values
