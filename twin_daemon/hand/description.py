@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from twin_daemon import resources
@@ -21,7 +21,7 @@ __all__ = ["DEFAULT_HAND", "CommandInfo", "Hand", "HandDescription", "JointInfo"
 
 @dataclass(frozen=True)
 class Hand:
-    """A description that fits its model: every joint and actuator it names is there.
+    """A description that fits its model: every joint and actuator it names is there. `load_hand` makes them.
 
     Ranges are infinite where the model sets no limit. For a command that drives several joints the range, velocity
     and acceleration are those of their sum (the J0 of a finger: J1 + J2).
@@ -29,8 +29,8 @@ class Hand:
 
     description: HandDescription
     model_path: Path
-    joint_range_rad: dict[str, tuple[float, float]]
-    command_range_rad: dict[str, tuple[float, float]]
+    joint_range_rad: dict[str, tuple[float, float]] = field(default_factory=dict)
+    command_range_rad: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def name(self) -> str:

@@ -1,0 +1,1 @@
+"""What a hand is told: planned trajectories and recorded command streams."""
