@@ -1,0 +1,91 @@
+"""Zenoh sessions that find each other on loopback in any start order.
+
+The daemon is the meeting point: it listens, as a router, so that what one process says reaches all others. Everyone
+else is a client of that endpoint. Where a router is there already, the daemon is a client too. Nothing is
+announced on the network: no multicast, no gossip.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import threading
+import time
+
+import zenoh
+
+from twin_daemon.errors import BadInput, UsageError
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+_ENDPOINT = re.compile(r"^(tcp|udp|tls|quic|ws|unixsock-stream)/\S+$")
+_RETRY_S = 0.2
+
+
+def choose_endpoint(given: str | None = None) -> str:
+    """The endpoint of the command line or configuration, else TWIN_ENDPOINT, else loopback."""
+    endpoint = given or os.environ.get("TWIN_ENDPOINT") or DEFAULT_ENDPOINT
+    if not _ENDPOINT.match(endpoint):
+        raise UsageError(
+            f"'{endpoint}' is not a Zenoh endpoint", allowed="such as tcp/127.0.0.1:7447", todo="Correct --endpoint"
+        )
+    return endpoint
+
+
+def session_config(mode: str, *, listen: list[str] | None = None, connect: list[str] | None = None) -> zenoh.Config:
+    """A configuration that talks to the named endpoints and to nobody else."""
+    config = zenoh.Config()
+    for key, value in {
+        "mode": mode,
+        "listen/endpoints": listen or [],
+        "connect/endpoints": connect or [],
+        "connect/retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 1.5},
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        # at 1.5 kB a message it is slower, and its mlock fails under systemd's limits
+        "transport/shared_memory/enabled": False,
+    }.items():
+        config.insert_json5(key, json.dumps(value))
+    return config
+
+
+def open_client(endpoint: str, timeout_s: float | None, stop: threading.Event | None = None) -> zenoh.Session | None:
+    """A session at `endpoint`; tries again until something listens there.
+
+    None when `timeout_s` has passed (None: for ever) or `stop` is set. Once open, Zenoh itself reconnects.
+    """
+    stop = stop or threading.Event()
+    deadline_s = None if timeout_s is None else time.monotonic() + timeout_s
+    while not stop.is_set():
+        try:
+            return zenoh.open(session_config("client", connect=[endpoint]))
+        except zenoh.ZError:
+            pass
+        if deadline_s is not None and time.monotonic() >= deadline_s:
+            return None
+        stop.wait(_RETRY_S)
+    return None
+
+
+def open_daemon(endpoint: str) -> tuple[zenoh.Session, str]:
+    """A session for the daemon and how it came about: "listens" or "joined" (a router was there already)."""
+    try:
+        return zenoh.open(session_config("router", listen=[endpoint])), "listens"
+    except zenoh.ZError as error:
+        if "in use" not in str(error):
+            raise BadInput(
+                f"cannot listen: {error}".split(" at /")[0], where=endpoint, todo="Choose another --endpoint"
+            ) from None
+    session = open_client(endpoint, timeout_s=3.0)
+    if session is None:
+        raise BadInput(
+            "this address is in use by something that is not Zenoh",
+            where=endpoint,
+            todo="Stop that program, or choose another --endpoint (TWIN_ENDPOINT for all processes)",
+        )
+    return session, "joined"
+
+
+def someone_serves(session: zenoh.Session, namespace: str, timeout_s: float = 1.0) -> bool:
+    """Whether a daemon for this namespace is alive on the network."""
+    return any(reply.ok for reply in session.liveliness().get(f"twin/{namespace}/alive", timeout=timeout_s))

@@ -1,0 +1,175 @@
+"""The daemon on Zenoh: hand and commands in, prediction, residual, events and health out, questions answered."""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import zenoh
+
+from bridges import cdr
+from bridges.inbox import Inbox
+from twin_daemon.daemon.messages import MalformedPayload
+from twin_daemon.daemon.service import TwinService
+
+log = logging.getLogger(__name__)
+Answer = Callable[[str], dict[str, Any] | None]
+
+
+class ZenohBridge:
+    """Carries messages between one Zenoh session and one service.
+
+    The transport's threads only put bytes into the inbox; `run` is the loop. Questions are answered on the
+    transport's threads under the service's own lock. `extra` adds questions, by the name of their key in the
+    hand's description; an answer gets what was asked beyond the key's fixed part ("" for the key itself).
+    """
+
+    def __init__(self, session: zenoh.Session, service: TwinService, extra: dict[str, Answer] | None = None) -> None:
+        self.service = service
+        self.inbox = Inbox()
+        self._session = session
+        self._key = service.hand.description.key
+        self._latency_s: deque[float] = deque(maxlen=2000)
+        self._errors = 0
+        self._failing: set[str] = set()
+        self._publishers = {
+            name: session.declare_publisher(
+                self._key(name), encoding=encoding, congestion_control=zenoh.CongestionControl.DROP
+            )
+            for name, encoding in (
+                ("twin_joint_states", "application/cdr"),
+                ("residual", "application/json"),
+                ("events", "application/json"),
+                ("health", "application/json"),
+            )
+        }
+        answers: dict[str, Answer] = {
+            name: (lambda _key, ask=ask: ask())
+            for name, ask in {
+                "state": service.state,
+                "residual": service.residual,
+                "version": service.version,
+                "drift": service.drift,
+                "model": service.model,
+                "health": self.health,
+            }.items()
+        }
+        self._entities = [self._declare_question(key, answer) for key, answer in (answers | (extra or {})).items()]
+        self._entities += [self._subscribe(stream) for stream in ("joint_states", "joint_commands")]
+        # last, so that whoever sees it can ask at once
+        self._token = session.liveliness().declare_token(self._key("alive"))
+
+    # -- declarations --------------------------------------------------------------------------------------
+
+    def _subscribe(self, stream: str) -> Any:
+        return self._session.declare_subscriber(
+            self._key(stream), lambda sample: self.inbox.put(stream, sample.payload.to_bytes())
+        )
+
+    def _declare_question(self, name: str, answer: Answer) -> Any:
+        key = self._key(name)
+        fixed = key.removesuffix("/**")
+
+        def reply(query: zenoh.Query) -> None:
+            try:
+                with query:
+                    asked = str(query.key_expr)
+                    # a selector with wildcards asks several at once: each answers under its own key
+                    own = fixed if "*" in asked else asked
+                    found = answer(own.removeprefix(fixed).strip("/"))
+                    if found is None:
+                        query.reply_err(json.dumps({"schema": 1, "error": f"there is nothing at {own}"}))
+                    else:
+                        query.reply(own, json.dumps(found, allow_nan=False), encoding="application/json")
+            except Exception as error:
+                self._failed(f"the answer to {name}", error)
+
+        return self._session.declare_queryable(key, reply)
+
+    # -- the loop ------------------------------------------------------------------------------------------
+
+    def run(
+        self, stop: threading.Event, seconds: float | None = None, each_turn: Callable[[], None] | None = None
+    ) -> None:
+        """Works until `stop` is set or `seconds` have passed. An error costs one message, never the loop."""
+        end_s = None if seconds is None else time.monotonic() + seconds
+        next_health_s = 0.0
+        while not stop.is_set() and (end_s is None or time.monotonic() < end_s):
+            for stream, payload, arrival_s in self.inbox.take(timeout_s=0.05):
+                self._guard(f"a message of {stream}", lambda: self._handle(stream, payload, arrival_s))  # noqa: B023
+            self._guard("the events", self._publish_events)
+            if time.monotonic() >= next_health_s:
+                next_health_s = time.monotonic() + self.service.settings.health_period_s
+                self._guard("health", lambda: self._put("health", self.health()))
+            if each_turn is not None:
+                self._guard("a turn of the loop", each_turn)
+
+    def _handle(self, stream: str, payload: bytes, arrival_s: float) -> None:
+        try:
+            sample = cdr.decode(payload)
+        except MalformedPayload as error:
+            self.service.refuse(stream, error.kind)
+            return
+        if stream == "joint_commands":
+            self.service.on_command(sample)
+            return
+        output = self.service.on_joint_state(sample)
+        if output is None:
+            return
+        self._publishers["twin_joint_states"].put(cdr.encode(output.prediction))
+        self._latency_s.append(time.monotonic() - arrival_s)
+        if output.residual is not None:
+            self._put("residual", output.residual)
+
+    def _publish_events(self) -> None:
+        for event in self.service.take_events():
+            log.info("%s: %s", event.kind, event.text)
+            self._put("events", event.as_json())
+
+    def _put(self, name: str, value: dict[str, Any]) -> None:
+        self._publishers[name].put(json.dumps(value, allow_nan=False))
+
+    def _guard(self, what: str, action: Callable[[], None]) -> None:
+        try:
+            action()
+        except Exception as error:
+            self._failed(what, error)
+        else:
+            self._failing.discard(what)
+
+    def _failed(self, what: str, error: Exception) -> None:
+        """The first failure of a kind is a warning, its repetitions are only counted."""
+        self._errors += 1
+        level = logging.DEBUG if what in self._failing else logging.WARNING
+        self._failing.add(what)
+        log.log(level, "%s failed and is skipped: %r", what, error)
+
+    # -- health --------------------------------------------------------------------------------------------
+
+    def health(self) -> dict[str, Any]:
+        """The service's health with that of the loop."""
+        latency = sorted(self._latency_s.copy())
+        return self.service.health() | {
+            "loop": {
+                "errors": self._errors,
+                "dropped": self.inbox.dropped,
+                "latency_p50_s": _quantile(latency, 0.5),
+                "latency_p99_s": _quantile(latency, 0.99),
+                "latency_max_s": latency[-1] if latency else None,
+            }
+        }
+
+    def close(self) -> None:
+        """Withdraws everything from the network; the session stays its owner's."""
+        self._token.undeclare()
+        for entity in (*self._entities, *self._publishers.values()):
+            entity.undeclare()
+
+
+def _quantile(ordered: list[float], share: float) -> float | None:
+    return ordered[min(len(ordered) - 1, int(share * len(ordered)))] if ordered else None

@@ -1,0 +1,1 @@
+"""The live twin without any transport: what arrives is validated, mirrored, predicted and compared."""

@@ -1,0 +1,133 @@
+"""The border control of the daemon: nothing unchecked gets near the model, and everything refused is counted."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin_daemon.daemon.messages import JointSample
+from twin_daemon.daemon.stamps import StampOrder
+from twin_daemon.hand.naming import match
+
+MAX_NAMES = 256
+_KEPT_NAMES = 32
+_MAX_LAYOUTS = 64
+
+
+@dataclass(frozen=True)
+class Accepted:
+    """The usable part of a joint state: `index` (k,) into the twin's joints, `position` (k,) rad."""
+
+    stamp_ns: int
+    index: np.ndarray
+    position: np.ndarray
+    restarted: bool = False
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Which columns of messages with certain names are the twin's joints."""
+
+    columns: np.ndarray
+    index: np.ndarray
+    unknown: tuple[str, ...]
+    ambiguous: bool
+
+
+class Intake:
+    """Validates decoded joint states of one stream.
+
+    A value that cannot be right (not finite, or more than `margin_rad` beyond its joint's range) costs only its own
+    joint, which then goes stale; a message that contradicts itself is refused as a whole.
+    """
+
+    def __init__(self, joints: Sequence[str], lower: np.ndarray, upper: np.ndarray, margin_rad: float = 1.0) -> None:
+        self._joints = tuple(joints)
+        self._lower = np.asarray(lower, float) - margin_rad
+        self._upper = np.asarray(upper, float) + margin_rad
+        self._layouts: dict[tuple[str, ...], _Layout] = {}
+        self._order = StampOrder()
+        self.received = 0
+        self.accepted = 0
+        self.counts: Counter[str] = Counter()
+        self.unknown_names: set[str] = set()
+
+    def refuse(self, kind: str) -> None:
+        """Counts a message that did not even decode."""
+        self.received += 1
+        self.counts[kind] += 1
+
+    def accept(self, sample: JointSample, arrival_ns: int) -> Accepted | None:
+        """The part of a message that can be used, or None. `arrival_ns` stands in for an empty stamp."""
+        self.received += 1
+        layout = self._check_shape(sample)
+        if layout is None:
+            return None
+        position = np.asarray(sample.position, float)[layout.columns]
+        finite = np.isfinite(position)
+        with np.errstate(invalid="ignore"):
+            inside = (position >= self._lower[layout.index]) & (position <= self._upper[layout.index])
+        if not finite.all():
+            self.counts["not_finite"] += 1
+        if (finite & ~inside).any():
+            self.counts["out_of_range"] += 1
+        usable = finite & inside
+        if not usable.any():
+            return None
+        stamp_ns = sample.stamp_ns
+        if stamp_ns == 0:
+            self.counts["no_stamp"] += 1
+            stamp_ns = arrival_ns
+        verdict = self._order.judge(stamp_ns)
+        if verdict in ("duplicate_stamp", "backwards_stamp"):
+            self.counts[verdict] += 1
+            return None
+        if verdict == "restarted":
+            self.counts["stamps_restarted"] += 1
+        self.accepted += 1
+        return Accepted(stamp_ns, layout.index[usable], position[usable], restarted=verdict == "restarted")
+
+    def _check_shape(self, sample: JointSample) -> _Layout | None:
+        if not sample.names or len(sample.names) > MAX_NAMES or sample.stamp_ns < 0:
+            self.counts["empty" if not sample.names else "malformed"] += 1
+            return None
+        if len(sample.position) != len(sample.names) or any(
+            len(extra) not in (0, len(sample.names)) for extra in (sample.velocity, sample.effort)
+        ):
+            self.counts["length_mismatch"] += 1
+            return None
+        layout = self._layout(sample.names)
+        if layout.ambiguous:
+            self.counts["duplicate_names"] += 1
+            return None
+        if layout.unknown:
+            self.counts["unknown_names"] += 1
+            for name in layout.unknown:
+                if len(self.unknown_names) < _KEPT_NAMES:
+                    self.unknown_names.add(name[:64])
+        if not layout.columns.size:
+            return None
+        return layout
+
+    def _layout(self, names: tuple[str, ...]) -> _Layout:
+        known = self._layouts.get(names)
+        if known is not None:
+            return known
+        columns, index, unknown = [], [], []
+        for column, name in enumerate(names):
+            joint = match(name, self._joints)
+            if joint is None:
+                unknown.append(name)
+            else:
+                columns.append(column)
+                index.append(self._joints.index(joint))
+        layout = _Layout(
+            np.array(columns, dtype=int), np.array(index, dtype=int), tuple(unknown), len(set(index)) < len(index)
+        )
+        if len(self._layouts) >= _MAX_LAYOUTS:
+            self._layouts.clear()  # a sender that invents names must not fill the memory
+        self._layouts[names] = layout
+        return layout

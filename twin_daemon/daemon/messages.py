@@ -1,0 +1,46 @@
+"""What crosses the border between a transport and the daemon, as plain values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+_NOTHING = np.zeros(0)
+
+
+class MalformedPayload(Exception):
+    """Bytes that are not the message they claim to be. `kind` is the counter that they go to."""
+
+    def __init__(self, kind: str, why: str) -> None:
+        self.kind = kind
+        super().__init__(why)
+
+
+@dataclass(frozen=True)
+class JointSample:
+    """A decoded joint state or joint command, not yet trusted: lengths, names and numbers may be anything.
+
+    `position` (k,) rad, `velocity` (k,) rad/s, `effort` (k,) in the driver's units; the last two may be empty.
+    """
+
+    stamp_ns: int
+    names: tuple[str, ...]
+    position: np.ndarray
+    velocity: np.ndarray = field(default_factory=lambda: _NOTHING)
+    effort: np.ndarray = field(default_factory=lambda: _NOTHING)
+
+
+@dataclass(frozen=True)
+class Output:
+    """What one accepted joint state leads to: the prediction for its stamp, and a residual now and then."""
+
+    prediction: JointSample
+    residual: dict[str, Any] | None = None
+
+
+def number(value: float) -> float | None:
+    """A float for JSON: undefined and infinite become null."""
+    value = float(value)
+    return value if np.isfinite(value) else None

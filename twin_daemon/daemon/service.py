@@ -1,0 +1,235 @@
+"""The live twin as one object: messages in, predictions out, and what it knows as plain JSON objects.
+
+No transport, no threads of its own. A lock makes it safe to ask from any thread while the loop feeds it.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from twin_daemon.daemon import reports
+from twin_daemon.daemon.drift import Drift
+from twin_daemon.daemon.events import Event, EventLog
+from twin_daemon.daemon.intake import MAX_NAMES, Intake
+from twin_daemon.daemon.messages import JointSample, Output
+from twin_daemon.daemon.mirror import Mirror
+from twin_daemon.daemon.predictor import Predictor, as_sample
+from twin_daemon.daemon.residual import Residual
+from twin_daemon.daemon.settings import DaemonSettings
+from twin_daemon.simulation.twin import TwinModel
+
+# A command whose stamp is farther than this from the hand's clock was stamped by another clock.
+_CLOCK_SKEW_NS = 1_000_000_000
+
+
+class TwinService:
+    """One hand's live twin.
+
+    `version` describes the model in use, as the version query answers it (at least "id").
+    """
+
+    def __init__(
+        self,
+        twin: TwinModel,
+        version: dict[str, Any],
+        settings: DaemonSettings | None = None,
+        monotonic_s: Callable[[], float] = time.monotonic,
+        wall_ns: Callable[[], int] = time.time_ns,
+    ) -> None:
+        self.settings = settings or DaemonSettings()
+        self.hand = twin.hand
+        self.namespace = twin.hand.description.namespace
+        self.joints = twin.joints
+        self.monotonic_s = monotonic_s
+        self.wall_ns = wall_ns
+        self.started_s = monotonic_s()
+        self.events = EventLog()
+        self.mirror = Mirror(twin.joints)
+        self.residuals = Residual(len(twin.joints), self.settings.residual_window_s)
+        self.drifts = Drift(twin.joints)
+        self.commands_received = 0
+        self.command_counts: Counter[str] = Counter()
+        self.command_arrival_s: float | None = None
+        self.loop: dict[str, Any] = {}
+        self.predicted = np.full(len(twin.joints), np.nan)
+        self.stamp_ns: int | None = None
+        self.intake = Intake(twin.joints, *_joint_ranges(twin))
+        self._last_residual_s = -np.inf
+        self._was_stale = True
+        self._lock = threading.RLock()
+        self._load(twin, version)
+        self._tell("started", f"the twin of {self.hand.description.name} runs version {version['id']}")
+
+    # -- in ------------------------------------------------------------------------------------------------
+
+    def on_joint_state(self, sample: JointSample) -> Output | None:
+        """One decoded joint state: checked, mirrored, predicted, compared. None if nothing of it was usable."""
+        with self._lock:
+            accepted = self.intake.accept(sample, self.wall_ns())
+            if accepted is None:
+                return None
+            if accepted.restarted:
+                self.mirror.forget()
+                self.residuals.clear()
+                self.predictor.restart()
+                self._tell("stamps_restarted", "the stamps of the hand start again at an earlier time")
+            now_s = self.monotonic_s()
+            self.mirror.update(accepted, now_s)
+            return self._predict(accepted.stamp_ns, accepted.index, now_s)
+
+    def _predict(self, stamp_ns: int, index: np.ndarray, now_s: float) -> Output:
+        following = self.predictor.state == "following"
+        prediction = self.predictor.advance(stamp_ns, self.mirror.position, self.mirror.velocity)
+        self.predicted, self.stamp_ns = prediction.position, stamp_ns
+        if prediction.anchored:
+            self._tell("anchored", f"the model was set to the measurement ({prediction.anchored})")
+        else:
+            residual = np.full(len(self.joints), np.nan)
+            residual[index] = self.mirror.position[index] - prediction.position[index]
+            self.residuals.add(stamp_ns, residual)
+            if following:
+                self.drifts.add(stamp_ns, residual)
+        due = now_s - self._last_residual_s >= 1.0 / self.settings.residual_rate_hz
+        if due:
+            self._last_residual_s = now_s
+        return Output(as_sample(prediction, self.joints), reports.residual_now(self) if due else None)
+
+    def on_command(self, sample: JointSample) -> bool:
+        """One decoded command. True if the model follows it."""
+        with self._lock:
+            self.commands_received += 1
+            kind = self._wrong_with(sample)
+            if kind is None:
+                first = self.predictor.state != "following"
+                if not self.predictor.command(self._command_stamp(sample.stamp_ns), sample.names, sample.position):
+                    kind = "unknown_names" if np.isfinite(sample.position).any() else "not_finite"
+                elif first and self.command_arrival_s is None:
+                    self._tell("commands", "the first command has been seen: the model follows the commands from here")
+            if kind is not None:
+                self.command_counts[kind] += 1
+                return False
+            self.command_arrival_s = self.monotonic_s()
+            return True
+
+    @staticmethod
+    def _wrong_with(sample: JointSample) -> str | None:
+        if not sample.names:
+            return "empty"
+        if len(sample.names) > MAX_NAMES or sample.stamp_ns < 0:
+            return "malformed"
+        if len(sample.position) != len(sample.names):
+            return "length_mismatch"
+        if len(set(sample.names)) < len(sample.names):
+            return "duplicate_names"
+        finite = sample.position[np.isfinite(sample.position)]
+        return "out_of_range" if (np.abs(finite) > 100.0).any() else None
+
+    def _command_stamp(self, stamp_ns: int) -> int:
+        """The moment from which a command holds, in the hand's clock."""
+        latest = self.stamp_ns
+        if latest is None:
+            return stamp_ns
+        if stamp_ns == 0:
+            self.command_counts["no_stamp"] += 1
+            return latest
+        if abs(stamp_ns - latest) > _CLOCK_SKEW_NS:
+            self.command_counts["other_clock"] += 1
+            return latest
+        return stamp_ns
+
+    def refuse(self, stream: str, kind: str) -> None:
+        """Counts a message of `joint_states` or `joint_commands` that could not be decoded."""
+        with self._lock:
+            if stream == "joint_states":
+                self.intake.refuse(kind)
+            else:
+                self.commands_received += 1
+                self.command_counts[kind] += 1
+
+    def use(self, twin: TwinModel, version: dict[str, Any]) -> None:
+        """Goes on with another model of the same joints; it starts at the next measurement."""
+        if twin.joints != self.joints:
+            raise ValueError(f"version {version['id']} has other joints than the hand in use")
+        with self._lock:
+            before = self.version_info["id"]
+            self._load(twin, version, self.predictor)
+            self.residuals.clear()
+            self.drifts.clear()
+            self._tell("version", f"version {version['id']} replaces {before}")
+
+    def _load(self, twin: TwinModel, version: dict[str, Any], before: Predictor | None = None) -> None:
+        predictor = Predictor(twin, self.settings.horizon_s, self.settings.max_catch_up_s)
+        if before is not None:
+            predictor.inherit(before)
+        self.predictor = predictor
+        self.version_info = version
+        self._mjcf: str | None = None
+
+    # -- out -----------------------------------------------------------------------------------------------
+
+    def take_events(self) -> list[Event]:
+        """Events since the last call. Also notices here that data have become stale, or fresh again."""
+        with self._lock:
+            stale = self.stale
+            if stale != self._was_stale:
+                self._was_stale = stale
+                if stale:
+                    self._tell("stale", f"no joint states for {self.settings.stale_after_s:g} s")
+                else:
+                    self._tell("fresh", "joint states arrive")
+            return self.events.take()
+
+    @property
+    def age_s(self) -> float:
+        """Seconds since any joint was last heard; infinite before the first."""
+        return float(self.mirror.ages_s(self.monotonic_s()).min(initial=np.inf))
+
+    @property
+    def stale(self) -> bool:
+        return self.age_s > self.settings.stale_after_s
+
+    def state(self) -> dict[str, Any]:
+        with self._lock:
+            return reports.state(self)
+
+    def residual(self) -> dict[str, Any]:
+        with self._lock:
+            return reports.residual(self)
+
+    def health(self) -> dict[str, Any]:
+        with self._lock:
+            return reports.health(self)
+
+    def drift(self) -> dict[str, Any]:
+        with self._lock:
+            return reports.header(self) | self.drifts.as_json()
+
+    def version(self) -> dict[str, Any]:
+        with self._lock:
+            return reports.header(self) | self.version_info
+
+    def model(self) -> dict[str, Any]:
+        """The MJCF in use. Written at the first question: it takes longer than a sample may."""
+        with self._lock:
+            twin, version, known = self.predictor.twin, self.version_info, self._mjcf
+        if known is None:
+            known = twin.mjcf()
+            with self._lock:
+                if self.predictor.twin is twin:
+                    self._mjcf = known
+        return reports.header(self) | {"version": version["id"], "joints": list(twin.joints), "mjcf": known}
+
+    def _tell(self, kind: str, text: str) -> None:
+        self.events.add(self.wall_ns(), kind, text)
+
+
+def _joint_ranges(twin: TwinModel) -> tuple[np.ndarray, np.ndarray]:
+    """((j,), (j,)) rad: the range of each joint, infinite where it has no limit."""
+    ranges = np.array([twin.hand.joint_range_rad.get(name, (-np.inf, np.inf)) for name in twin.joints])
+    return ranges[:, 0], ranges[:, 1]
