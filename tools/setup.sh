@@ -37,7 +37,7 @@ if ! "$python" -m venv .venv; then
     exit 1
 fi
 # The lock holds every package with its hash, the build back end included, so nothing else is fetched.
-pip=(.venv/bin/python -m pip --disable-pip-version-check --no-input install --quiet)
+pip=(.venv/bin/python -m pip --disable-pip-version-check --no-input install -qq)
 for lock in "${locks[@]}"; do "${pip[@]}" --require-hashes --no-deps -r "$lock"; done
 # ROS wheels leave metadata of foreign names that other installers would take for packages to remove.
 rm -rf .venv/lib/python3.*/site-packages/*-py3.*.egg-info

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
-import enum
 import json
-import math
 import sys
-from collections.abc import Mapping, Set
-from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from twin_daemon.errors import BadInput
 from twin_daemon.files import write_atomically
+from twin_daemon.jsonable import plain
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -63,32 +59,3 @@ def emit_json(path: str | Path | None, result: Any) -> None:
             "the folder for the JSON does not exist", where=target, todo=f"Create {target.parent} or name another path"
         )
     write_atomically(target, text.encode())
-
-
-def plain(value: Any) -> Any:
-    """Anything a command may report, as what JSON knows; undefined numbers are None."""
-    if value is None or isinstance(value, (bool, str)):
-        return value
-    if isinstance(value, enum.Enum):
-        return plain(value.value)
-    if isinstance(value, int):
-        return int(value)
-    if isinstance(value, float):
-        return float(value) if math.isfinite(value) else None
-    if isinstance(value, Mapping):
-        return {str(plain(key)): plain(item) for key, item in value.items()}
-    if isinstance(value, Set):
-        return [plain(item) for item in sorted(value, key=str)]
-    if isinstance(value, (list, tuple)):
-        return [plain(item) for item in value]
-    if isinstance(value, Path):
-        return str(value)
-    if isinstance(value, date):
-        return value.isoformat()
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
-    if hasattr(value, "model_dump"):  # pydantic
-        return plain(value.model_dump(by_alias=True))
-    if hasattr(value, "tolist"):  # numpy scalars and arrays
-        return plain(value.tolist())
-    raise TypeError(f"{type(value).__name__} has no JSON form")

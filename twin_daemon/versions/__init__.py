@@ -1,0 +1,20 @@
+"""Immutable versions of a twin, and the names that move between them."""
+
+from __future__ import annotations
+
+from .diff import ParameterChange, VersionDiff, diff
+from .store import Stored, VersionStore
+from .version import Draft, ParameterRecord, RecordingUsed, Version, seal
+
+__all__ = [
+    "Draft",
+    "ParameterChange",
+    "ParameterRecord",
+    "RecordingUsed",
+    "Stored",
+    "Version",
+    "VersionDiff",
+    "VersionStore",
+    "diff",
+    "seal",
+]

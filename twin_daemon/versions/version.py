@@ -1,0 +1,115 @@
+"""What a version is: the terms of a twin, where its numbers came from, and how good they were found to be."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+from datetime import UTC, datetime
+from importlib import metadata
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+import twin_daemon
+from twin_daemon.jsonable import canonical, plain
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True)
+
+
+class ParameterRecord(_Strict):
+    """One fitted number with what is known of it. Bounds and interval are in `unit`."""
+
+    value: float | None
+    unit: str = ""
+    lower: float | None = None
+    upper: float | None = None
+    at_bound: bool = False
+    ci95: tuple[float, float] | None = Field(default=None, description="95 % interval; null where none is known")
+    identifiable: bool | str | None = None
+
+
+class RecordingUsed(_Strict):
+    """A recording by the name it had and by its bytes."""
+
+    name: str
+    sha256: str
+
+
+class Draft(_Strict):
+    """A version that is not stored yet: everything but its identity. JSON values only; NaN is refused."""
+
+    hand: str
+    kind: str = Field(pattern=r"^[a-z][a-z_]*$", description="nominal, calibrated, effect_added, ...")
+    terms: dict[str, Any] = Field(description="parameters, effects, measurement: what the simulation layer reads back")
+    parent: str | None = Field(default=None, description="id of the version that this one was made from")
+    title: str = ""
+    note: str = ""
+    parameters: dict[str, ParameterRecord] = {}
+    fitted_on: tuple[RecordingUsed, ...] = ()
+    held_out_on: tuple[RecordingUsed, ...] = ()
+    errors: dict[str, Any] = Field(default={}, description="before, after, holdout_before, holdout_after, ...")
+    search: dict[str, Any] | None = None
+    seed: int | None = None
+
+
+class Version(Draft):
+    """A stored version. `id` is the SHA-256 of everything else but `created`: it cannot change and keep its name."""
+
+    format: Literal[1] = Field(default=1, alias="schema")
+    id: str = Field(pattern=r"^[0-9a-f]{64}$")
+    created: str = Field(description="UTC, ISO 8601")
+    mjcf_sha256: str
+    program: dict[str, str] = Field(description="program versions that made it")
+
+    def as_json(self) -> dict[str, Any]:
+        """A plain object that `Version.model_validate` reads back."""
+        return self.model_dump(by_alias=True, mode="json")
+
+    def content_id(self) -> str:
+        """The id that this content must bear."""
+        content = self.as_json()
+        del content["id"], content["created"]
+        return hashlib.sha256(canonical(content)).hexdigest()
+
+    @property
+    def short_id(self) -> str:
+        return self.id[:12]
+
+
+def seal(draft: Draft, mjcf: str) -> Version:
+    """Give a draft its identity together with the MJCF that it compiles to."""
+    finite = Draft.model_validate(_finite(draft.model_dump(mode="python"), where=draft.kind))
+    unnamed = Version(
+        **finite.model_dump(),
+        id="0" * 64,
+        created=datetime.now(UTC).isoformat(timespec="microseconds"),
+        mjcf_sha256=hashlib.sha256(mjcf.encode()).hexdigest(),
+        program=program_versions(),
+    )
+    return unnamed.model_copy(update={"id": unnamed.content_id()})
+
+
+def program_versions() -> dict[str, str]:
+    """What computed the numbers, so that a difference between two versions can be traced to it."""
+    return {
+        "twin_daemon": twin_daemon.__version__,
+        "mujoco": metadata.version("mujoco"),
+        "numpy": metadata.version("numpy"),
+        "python": platform.python_version(),
+    }
+
+
+def _finite(value: Any, where: str) -> Any:
+    """Plain JSON values. An undefined number in a version would be stored for good, so it is an error here."""
+    if isinstance(value, dict):
+        return {str(key): _finite(item, f"{where}.{key}") for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(item, f"{where}[{i}]") for i, item in enumerate(value)]
+    result = plain(value)
+    if result is None and value is not None:
+        raise ValueError(f"{where} is {value}: a version holds finite numbers, or None for unknown")
+    if isinstance(result, (dict, list)):
+        return _finite(result, where)
+    return result
