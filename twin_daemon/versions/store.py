@@ -115,12 +115,19 @@ class VersionStore:
         return None if current is None else self.get(current)
 
     def list(self) -> list[Version]:
-        """Every version that can be read, oldest first. `problems` says which cannot."""
-        return self._survey()[0]
+        """Every version that can be read, oldest first."""
+        return self.survey()[0]
 
-    def problems(self) -> list[str]:
-        """One line for each damaged version; the others stay in use."""
-        return self._survey()[1]
+    def survey(self) -> tuple[list[Version], list[str]]:
+        """Every version that can be read, oldest first, and one line for each that is damaged."""
+        versions: dict[str, Version] = {}
+        problems: list[str] = []
+        for stored in self._stored():
+            try:
+                versions.setdefault(stored.id, self._read(stored))
+            except BadInput as error:
+                problems.append(error.line())
+        return sorted(versions.values(), key=lambda version: (version.created, version.id)), problems
 
     def aliases(self) -> dict[str, str]:
         """Names that move and the ids that they point at."""
@@ -130,6 +137,10 @@ class VersionStore:
         """Aliases and shipped names of a version."""
         moving = [alias for alias, target in self.aliases().items() if target == version_id]
         return moving + [stored.name for stored in self._stored() if stored.id == version_id and stored.name]
+
+    def shipped(self, version_id: str) -> bool:
+        """Whether a version came with the package."""
+        return any(stored.id == version_id and stored.shipped for stored in self._stored())
 
     def resolve(self, reference: str) -> Stored:
         """Where the version is that a reference stands for. Raises BadInput when there is none, or more than one."""
@@ -151,9 +162,9 @@ class VersionStore:
                 f"'{reference}' stands for several versions of {self.hand}", allowed=ids, todo="Give more of the id"
             )
         known = [*aliases, *(s.name for s in everything if s.name), *(s.id[:12] for s in everything)]
-        raise BadInput(
-            f"no version '{reference}' of {self.hand}", todo=f"{nearest(reference, known)} See 'twin versions list'"
-        )
+        hint = nearest(reference, known)
+        todo = f"{hint}{'' if hint.endswith('?') else '.'} See 'twin versions list'"
+        raise BadInput(f"no version '{reference}' of {self.hand}", todo=todo)
 
     def export(self, reference: str, path: Path) -> Version:
         """Write the version as one plain MJCF that MuJoCo loads without this package."""
@@ -179,16 +190,6 @@ class VersionStore:
             if folder.is_dir() and _NAME.fullmatch(folder.name):
                 found.append(Stored(_claimed_id(folder), folder, name=folder.name))
         return found
-
-    def _survey(self) -> tuple[list[Version], list[str]]:
-        versions: dict[str, Version] = {}
-        problems: list[str] = []
-        for stored in self._stored():
-            try:
-                versions.setdefault(stored.id, self._read(stored))
-            except BadInput as error:
-                problems.append(error.line())
-        return sorted(versions.values(), key=lambda version: (version.created, version.id)), problems
 
     def _read(self, stored: Stored) -> Version:
         version = read_folder(stored.folder, self._todo(stored))
