@@ -33,7 +33,7 @@ class Problem:
     """The error of a twin over recordings, as a function of knobs in unit coordinates.
 
     `objective` are the joints that count. The sum of squares of `residuals` is the mean over these joints of
-    the mean squared error (rad^2) plus the priors' share.
+    the mean squared error (rad^2) plus the priors' share: a prior missed by one sigma costs `prior_weight`^2.
     """
 
     def __init__(
@@ -62,6 +62,7 @@ class Problem:
         weights = [np.isfinite(r.measured[:, self._columns]) for r in recordings]
         self._known = weights
         self._per_joint = np.maximum(sum(w.sum(axis=0) for w in weights), 1)
+        self.prior_weight = 0.0
 
     # -- points --------------------------------------------------------------------------------------------
 
@@ -160,8 +161,10 @@ class Problem:
                 columns.append((position - knob.prior.mean) / knob.prior.sigma * self.prior_weight)
         return np.stack(columns, axis=1) if columns else np.zeros((len(points), 0))
 
-    prior_weight: float = 0.0
-    """rad: how a prior's one sigma weighs against the error; set by whoever knows the noise."""
+    @property
+    def samples_per_joint(self) -> np.ndarray:
+        """(k,) measured samples of each joint of the objective, over all recordings."""
+        return self._per_joint
 
     def mse(self, points: np.ndarray) -> np.ndarray:
         """(B,) mean squared error in rad^2 over the objective's joints, without priors."""

@@ -13,7 +13,7 @@ from twin_daemon.fitting.knobs import Knob
 from twin_daemon.simulation.parameters import KINDS, ParameterKind
 from twin_daemon.simulation.twin import TwinModel
 
-_FOLDER = Path(__file__).parent / "spaces"
+_FOLDER = Path(__file__).parent / "data"
 _ZERO_START = 20.0  # a parameter that is 0 in the model starts this factor above its lower bound
 
 

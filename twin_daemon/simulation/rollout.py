@@ -14,6 +14,7 @@ from mujoco import batch
 
 # A chunk of simulations keeps its controls and positions in memory at once; this bounds both.
 _CHUNK_BYTES = 256 * 2**20
+_TIME = mujoco.mjtState.mjSTATE_TIME.value
 
 
 def thread_count() -> int:
@@ -55,12 +56,12 @@ def roll_out(
                                                 None if qvel is None else qvel[_row(i, qvel)])  # fmt: skip
         runner.warning[:] = 0
         rows = controls[start : start + len(chosen)] if len(controls) > 1 else controls
-        recorded = runner.rollout(steps, rows, record=("qpos", "time"), ids=ids)
+        recorded = runner.rollout(steps, rows, record=("qpos", _TIME), ids=ids)
         for slot, i in enumerate(chosen):
             out[i, 0] = qpos[_row(i, qpos)]
             out[i, 1:] = recorded["qpos"][slot]
             if runner.warning[slot].any():
-                _blank_after_stop(out[i], recorded["time"][slot], first.opt.timestep)
+                _blank_after_stop(out[i], recorded[_TIME][slot, :, 0], first.opt.timestep)
     return out
 
 

@@ -34,7 +34,8 @@ def parts(twin: TwinModel) -> tuple[Part, ...]:
     ancestors = {name: _ancestors(model, body) for name, body in bodies.items()}
     above = {a: [b for b in bodies if b != a and bodies[a] in ancestors[b]] for a in bodies}
     # a trunk joint carries joints of at least two branches that do not carry each other
-    trunk = {a for a, carried in above.items() if _branches(carried, bodies, ancestors)}
+    forks = {a for a, carried in above.items() if _branches(carried, bodies, ancestors)}
+    trunk = {a for a, carried in above.items() if a in forks or forks & set(carried)}
     parent = {name: name for name in bodies}
 
     def root(name: str) -> str:
@@ -89,6 +90,8 @@ def submodel(twin: TwinModel, keep: tuple[str, ...], position: np.ndarray, *, co
     model = twin.model
     joints = {name: info.joint for name, info in twin.hand.description.joints.items() if name in twin.joints}
     kept = {joints[name] for name in keep}
+    for key in list(spec.keys):
+        spec.delete(key)
     _delete_actuators(spec, twin, kept)
     _delete_tendons(spec, kept)
     for equality in list(spec.equalities):
@@ -101,8 +104,6 @@ def submodel(twin: TwinModel, keep: tuple[str, ...], position: np.ndarray, *, co
         found = spec.body(body)
         if found is not None:
             spec.delete(found)
-    for key in list(spec.keys):
-        spec.delete(key)
     if not contacts:
         _strip(spec, twin.base_model)
     description = twin.hand.description

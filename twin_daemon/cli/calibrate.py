@@ -1,0 +1,199 @@
+"""`twin calibrate`: fit the model's parameters to recordings and store the result as a version."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from twin_daemon.cli import options
+from twin_daemon.cli.check import warn_before_fit
+from twin_daemon.cli.console import emit_json, people, plain_text, progress_console
+from twin_daemon.cli.session import Session, open_session
+
+if TYPE_CHECKING:
+    from twin_daemon.fitting.calibrate import Calibration
+    from twin_daemon.simulation.alignment import Aligned
+
+SearchName = Annotated[
+    str, typer.Option("--search", metavar="bayes|least-squares|random|pso", help="How the parameters are searched.")
+]
+
+
+def command(
+    recording: options.Recordings,
+    holdout: options.Holdouts = None,
+    search: SearchName = "least-squares",
+    space: options.Space = "physical",
+    budget: options.Budget = None,
+    seed: options.Seed = 0,
+    hand: options.HandName = None,
+    model: options.Model = None,
+    version: options.VersionRef = None,
+    terms: options.Terms = None,
+    trajectory: options.TrajectoryRef = None,
+    joint_map: options.JointMap = None,
+    json: options.Json = None,
+) -> None:
+    """Fit parameters, judge them on motion they have not seen, and store a candidate version.
+
+    Ctrl-C keeps the best so far. Without --holdout the last third of the recording is held out.
+    """
+    from twin_daemon.comparison.split import hold_out
+    from twin_daemon.fitting.calibrate import calibrate
+    from twin_daemon.fitting.spaces import load_space
+
+    chosen = load_space(space or "physical")
+    session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)
+    train = session.recordings(recording, trajectory)
+    held = session.recordings(holdout or [], trajectory)
+    notes = warn_before_fit(session, train)
+    if not held:
+        train, held = hold_out(train)
+        notes.append("no --holdout: the last third of each recording is held out; intervals are wider for it")
+    with progress_bar(f"{search} over '{chosen.name}'", budget) as report:
+        result = calibrate(session.twin, train, held, chosen, search, budget=budget, seed=seed, progress=report)
+    stored = store(session, result, train, held, chosen.name, search, budget, seed)
+    payload = _payload(result, stored, notes, chosen.name, search, seed)
+    _show(payload, result, json)
+    emit_json(json, payload)
+
+
+class progress_bar:
+    """A progress bar on standard error with the best error so far."""
+
+    def __init__(self, label: str, budget: int | None) -> None:
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+        self._progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("best {task.fields[best]}"),
+            TimeElapsedColumn(),
+            console=progress_console(),
+        )
+        self._task = self._progress.add_task(plain_text(label), total=budget, best="-")
+
+    def __enter__(self):
+        self._progress.start()
+        return lambda count, best: self._progress.update(self._task, completed=count, best=f"{best:.4g} rad²")
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+
+def store(
+    session: Session,
+    result: Calibration,
+    train: list[Aligned],
+    held: list[Aligned],
+    space: str,
+    search: str,
+    budget: int | None,
+    seed: int,
+) -> str:
+    """Stores the calibration as the candidate; returns its id."""
+    from twin_daemon.versions import Draft, ParameterRecord, RecordingUsed
+
+    twin = session.twin.changed(result.terms)
+    draft = Draft(
+        hand=session.hand.name,
+        kind="calibrated",
+        terms=result.terms.as_json(),
+        parent=session.version,
+        title=f"{search} over '{space}'",
+        parameters={
+            name: ParameterRecord(
+                value=p.value,
+                unit=p.unit,
+                lower=p.lower,
+                upper=p.upper,
+                at_bound=p.at_bound,
+                ci95=(p.interval.lower, p.interval.upper),
+                identifiable=p.interval.identifiability,
+            )
+            for name, p in result.parameters.items()
+        },
+        fitted_on=tuple(RecordingUsed(name=r.recording.name, sha256=r.recording.sha256) for r in train),
+        held_out_on=tuple(RecordingUsed(name=r.recording.name, sha256=r.recording.sha256) for r in held),
+        errors=errors(result),
+        search={"name": search, "space": space, "budget": budget, "evaluations": result.evaluations},
+        seed=seed,
+    )
+    return session.store.add(draft, twin.mjcf(), alias="candidate").id
+
+
+def errors(result: Calibration) -> dict[str, Any]:
+    """Errors before and after, on what was fitted and on what was held out."""
+    return {
+        "before": {"mse_rad2": result.before_rad2},
+        "after": {"mse_rad2": result.after_rad2},
+        "holdout_before": {"mse_rad2": result.holdout_before_rad2},
+        "holdout_after": {"mse_rad2": result.holdout_after_rad2},
+    }
+
+
+def _payload(
+    result: Calibration, stored: str, notes: list[str], space: str, search: str, seed: int
+) -> dict[str, Any]:
+    return {
+        **errors(result),
+        "objective": result.objective,
+        "search": search,
+        "space": space,
+        "seed": seed,
+        "evaluations": result.evaluations,
+        "wall_s": result.wall_s,
+        "interrupted": result.interrupted,
+        "onset_s": result.onsets_s,
+        "parameters": {
+            name: {
+                "value": p.value,
+                "unit": p.unit,
+                "lower": p.lower,
+                "upper": p.upper,
+                "at_bound": p.at_bound,
+                "ci95": [p.interval.lower, p.interval.upper],
+                "identifiable": p.interval.identifiability == "identifiable",
+                "identifiability": p.interval.identifiability,
+                "confused_with": p.interval.confused_with,
+            }
+            for name, p in result.parameters.items()
+        },
+        "history": result.history,
+        "version": stored,
+        "notes": notes,
+    }
+
+
+def _show(payload: dict[str, Any], result: Calibration, json: str | None) -> None:
+    from rich.table import Table
+
+    console = people(json)
+    table = Table(title=f"parameters of '{plain_text(payload['space'])}'", title_justify="left")
+    for heading in ("parameter", "value", "95 % interval", "unit", "the data say"):
+        table.add_column(heading, justify="right" if heading in ("value", "95 % interval") else "left")
+    for name, p in result.parameters.items():
+        said = p.interval.identifiability.replace("_", " ")
+        if p.interval.confused_with:
+            said += f", trades off with {p.interval.confused_with}"
+        if p.at_bound:
+            said += "; ON ITS BOUND"
+        span = f"{p.interval.lower:.3g} .. {p.interval.upper:.3g}"
+        table.add_row(plain_text(name), f"{p.value:.4g}", span, p.unit, plain_text(said))
+    console.print(table)
+    console.print(f"fitted:   {result.before_rad2:.4g} -> [bold]{result.after_rad2:.4g} rad²[/]")
+    if result.holdout_after_rad2 is not None:
+        console.print(f"held out: {result.holdout_before_rad2:.4g} -> [bold]{result.holdout_after_rad2:.4g} rad²[/]")
+        if result.holdout_after_rad2 >= (result.holdout_before_rad2 or 0.0):
+            console.print("  [bold]not better on motion it has not seen[/]: do not promote it")
+    for note in payload["notes"]:
+        console.print(f"note: {plain_text(note)}")
+    if result.interrupted:
+        console.print("interrupted: this is the best so far")
+    console.print(
+        f"{result.evaluations} roll-outs in {result.wall_s:.1f} s; stored as candidate {payload['version'][:12]} "
+        f"(twin versions show {payload['version'][:12]})"
+    )

@@ -1,0 +1,86 @@
+"""`twin compare`: the model against measurements, joint by joint."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from twin_daemon.cli import options
+from twin_daemon.cli.console import emit_json, people, plain_text
+from twin_daemon.cli.session import open_session
+
+
+def command(
+    recording: options.Recordings,
+    hand: options.HandName = None,
+    model: options.Model = None,
+    version: options.VersionRef = None,
+    terms: options.Terms = None,
+    trajectory: options.TrajectoryRef = None,
+    joint_map: options.JointMap = None,
+    plot: Annotated[Path | None, typer.Option("--plot", metavar="FILE.html", help="Draw measured, twin and residual.")] = None,
+    json: options.Json = None,
+) -> None:
+    """Roll the twin out under the recorded commands and say where it differs from the measurement.
+
+    Beside it stand the raw command and the last promoted version as predictors, and the noise floor of the
+    sensors: what lies between them and the twin is what a better model can still explain.
+    """
+    from twin_daemon.comparison.report import comparison_report
+
+    session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)
+    aligned = session.recordings(recording, trajectory)
+    report, comparisons = comparison_report(session.twin, aligned, session.last_promoted())
+    report["version"] = session.version
+    if plot is not None:
+        from twin_daemon.figures.comparison import comparison_figure
+        from twin_daemon.figures.style import write_page
+
+        for index, comparison in enumerate(comparisons):
+            page = plot if len(comparisons) == 1 else plot.with_stem(f"{plot.stem}_{index + 1}")
+            write_page(comparison_figure(comparison), page)
+    _show(report, json)
+    emit_json(json, report)
+
+
+def _show(report: dict[str, Any], json: str | None) -> None:
+    from rich.table import Table
+
+    console = people(json)
+    if report["mse_rad2"] is None:
+        console.print("No joint moves by more than 0.05 rad in this recording: there is nothing to compare.")
+        return
+    table = Table(title=f"{plain_text(report['hand'])}: measured against twin", title_justify="left")
+    for heading in ("joint", "mse (rad²)", "rmse (mrad)", "max (mrad)", "bias (mrad)", "lag (ms)", "noise (mrad)"):
+        table.add_column(heading, justify="left" if heading == "joint" else "right")
+    moving = [(name, joint) for name, joint in report["joints"].items() if joint.moves]
+    for name, joint in sorted(moving, key=lambda item: -item[1].mse_rad2):
+        lag = "-" if joint.lag_s is None else f"{1e3 * joint.lag_s:.0f}"
+        table.add_row(
+            plain_text(name),
+            f"{joint.mse_rad2:.3g}",
+            f"{1e3 * joint.rmse_rad:.2f}",
+            f"{1e3 * joint.max_abs_rad:.1f}",
+            f"{1e3 * joint.bias_rad:+.1f}",
+            lag,
+            f"{1e3 * joint.noise_rad2**0.5:.3f}",
+        )
+    console.print(table)
+    still = len(report["joints"]) - len(moving)
+    console.print(f"mean over the {len(moving)} joints that move ({still} are still): [bold]{report['mse_rad2']:.4g} rad²[/]")
+    references = report["references"]
+    for label, name in (("raw command", "raw_command"), ("last promoted version", "last_promoted")):
+        value = references[name]["mse_rad2"]
+        console.print(f"  {label}: " + ("none" if value is None else f"{value:.4g} rad²"))
+    console.print(f"  noise floor of the sensors: {report['noise_floor_rad2']:.2g} rad²")
+    for one in report["recordings"]:
+        if one["onset_estimated"]:
+            console.print(
+                f"  {plain_text(one['name'])}: holds no commands; the onset is estimated at {one['onset_s']:.3f} s, "
+                "so a delay of the command cannot be told from it"
+            )
+    dropped = {kind: count for kind, count in report["dropped"].items() if count}
+    if dropped:
+        console.print("  dropped: " + ", ".join(f"{count} {plain_text(kind)}" for kind, count in dropped.items()))

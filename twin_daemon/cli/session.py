@@ -1,0 +1,92 @@
+"""What the offline commands begin with: a twin, and recordings aligned to it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from twin_daemon.errors import BadInput, UsageError
+
+if TYPE_CHECKING:
+    from twin_daemon.hand import Hand
+    from twin_daemon.simulation.alignment import Aligned
+    from twin_daemon.simulation.twin import TwinModel
+    from twin_daemon.versions import VersionStore
+
+NOMINAL = "nominal"
+
+
+@dataclass(frozen=True)
+class Session:
+    """A hand, the twin in question, the version it came from (None: the nominal model), and the hand's store."""
+
+    hand: Hand
+    twin: TwinModel
+    version: str | None
+    store: VersionStore
+    joint_map: Path | None
+
+    def recordings(self, paths: Sequence[Path], trajectory: str | None) -> list[Aligned]:
+        """Loads and aligns recordings. A trajectory stands in where a recording holds no commands."""
+        from twin_daemon.recordings import load_joint_map, load_recording
+        from twin_daemon.signals.waypoints import load_trajectory
+        from twin_daemon.simulation.alignment import align
+
+        names = load_joint_map(self.joint_map) if self.joint_map else None
+        out = []
+        for path in paths:
+            recording = load_recording(path, names)
+            motion = load_trajectory(trajectory, self.hand) if trajectory and recording.commands is None else None
+            out.append(align(self.twin, recording, motion))
+        return out
+
+    def last_promoted(self) -> TwinModel | None:
+        """The twin of the promoted version; None before the first promotion."""
+        current = self.store.current()
+        if current is None:
+            return None
+        return self.twin.changed(_terms(current.terms))
+
+
+def open_session(
+    hand: str | None,
+    model: Path | None,
+    *,
+    version: str | None = None,
+    terms: Path | None = None,
+    joint_map: Path | None = None,
+) -> Session:
+    """The twin that a command works on: given terms, a given version, else the promoted one, else the nominal."""
+    from twin_daemon.hand import load_hand
+    from twin_daemon.simulation.terms import load_terms
+    from twin_daemon.simulation.twin import TwinModel
+    from twin_daemon.versions import VersionStore
+
+    if version is not None and terms is not None:
+        raise UsageError("--version and --terms exclude each other", todo="Give one of them")
+    found = load_hand(hand, model)
+    store = VersionStore(found.name)
+    nominal = TwinModel.load(found)
+    if terms is not None:
+        return Session(found, nominal.changed(load_terms(terms)), None, store, joint_map)
+    if version == NOMINAL:
+        return Session(found, nominal, None, store, joint_map)
+    record = store.get(version) if version is not None else store.current()
+    if record is None:
+        return Session(found, nominal, None, store, joint_map)
+    return Session(found, nominal.changed(_terms(record.terms)), record.id, store, joint_map)
+
+
+def _terms(stored: dict):
+    from pydantic import ValidationError
+
+    from twin_daemon.simulation.terms import Terms
+
+    try:
+        return Terms.model_validate(stored)
+    except ValidationError as error:
+        raise BadInput(
+            f"the version's terms cannot be read: {error.errors()[0]['msg']}", todo="twin versions verify"
+        ) from None

@@ -1,0 +1,1 @@
+"""Figures for command line, report and page alike (Plotly)."""

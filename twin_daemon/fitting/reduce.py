@@ -1,0 +1,104 @@
+"""Splits a calibration into parts that do not touch each other, each on the smallest model that moves it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from twin_daemon.fitting.knobs import Knob
+from twin_daemon.fitting.problem import Problem
+from twin_daemon.simulation.alignment import Aligned
+from twin_daemon.simulation.submodel import Part, parts, submodel
+from twin_daemon.simulation.twin import TwinModel
+
+_CONTACT_POSES = 60
+
+
+@dataclass(frozen=True)
+class SubProblem:
+    """A problem over some of the knobs. `weight` is its share of the whole objective's joints."""
+
+    problem: Problem
+    weight: float
+
+    def start(self, units: dict[str, float]) -> np.ndarray:
+        """(p,) unit coordinates: what is already known by knob name, else the knobs' own start."""
+        own = self.problem.start
+        return np.array([units.get(k.name, u) for k, u in zip(self.problem.knobs, own, strict=True)])
+
+    def parameters(self, units: dict[str, float]) -> dict[str, float]:
+        """The model parameters by name at a point."""
+        return self.problem.settings(self.start(units))[0]
+
+
+def reduced_problems(
+    twin: TwinModel, recordings: Sequence[Aligned], knobs: Sequence[Knob], objective: Sequence[str], *, separable: bool
+) -> list[SubProblem]:
+    """One sub-problem for each part of the hand that the knobs leave independent; one in all where they do not."""
+    contacts = any(touching(twin, r) for r in recordings)
+    found = parts(twin)
+    groups = [(p, [k for k in knobs if set(k.joints) <= set(p.joints)]) for p in found]
+    assigned = sum(len(ks) for _, ks in groups)
+    moving_trunk = any(p.name == "trunk" and set(p.joints) & set(objective) for p in found)
+    split = separable and not contacts and assigned == len(knobs) and not moving_trunk
+    if not split:
+        needed = set(objective) | {j for k in knobs for j in k.joints}
+        chosen = [p for p in found if needed & set(p.joints)]
+        keep = tuple(n for n in twin.joints if any(n in p.joints or n in p.trunk for p in chosen))
+        return [_sub(twin, recordings, knobs, objective, keep, contacts, 1.0)]
+    out = []
+    for part, own in groups:
+        joints = [j for j in objective if j in part.joints]
+        if own and joints:
+            keep = (*part.joints, *_moving_trunk(part, twin, recordings))
+            ordered = tuple(n for n in twin.joints if n in keep)
+            out.append(_sub(twin, recordings, own, joints, ordered, contacts, len(joints) / len(objective)))
+    return out
+
+
+def _moving_trunk(part: Part, twin: TwinModel, recordings: Sequence[Aligned]) -> list[str]:
+    return [n for n in part.trunk if any(r.moving[twin.joints.index(n)] for r in recordings)]
+
+
+def _sub(
+    twin: TwinModel,
+    recordings: Sequence[Aligned],
+    knobs: Sequence[Knob],
+    objective: Sequence[str],
+    keep: tuple[str, ...],
+    contacts: bool,
+    weight: float,
+) -> SubProblem:
+    if contacts:
+        return SubProblem(Problem(twin, recordings, knobs, objective), weight)
+    small = submodel(twin, keep, recordings[0].start_position)
+    cut = [restricted(r, small.joints) for r in recordings]
+    return SubProblem(Problem(small, cut, knobs, objective), weight)
+
+
+def restricted(aligned: Aligned, joints: tuple[str, ...]) -> Aligned:
+    """The same recording with only some joints."""
+    columns = [aligned.joints.index(name) for name in joints]
+    return replace(aligned, joints=joints, measured=aligned.measured[:, columns])
+
+
+def touching(twin: TwinModel, recording: Aligned) -> bool:
+    """Whether the hand touches anything along the measured motion, by the model's own geometry."""
+    data = mujoco.MjData(twin.base_model)
+    if not twin.base_model.ngeom:
+        return False
+    for row in np.linspace(0, len(recording.measured) - 1, _CONTACT_POSES).astype(int):
+        position = twin.measurement.invert(twin.joints, recording.measured[row])
+        known = np.isfinite(position)
+        joints = [twin.hand.description.joints[n].joint for n in twin.joints]
+        for name, value in zip(np.array(joints)[known], position[known], strict=True):
+            data.joint(name).qpos[0] = value
+        mujoco.mj_kinematics(twin.base_model, data)
+        mujoco.mj_comPos(twin.base_model, data)
+        mujoco.mj_collision(twin.base_model, data)
+        if data.ncon:
+            return True
+    return False

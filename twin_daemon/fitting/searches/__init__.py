@@ -1,0 +1,25 @@
+"""The searches by name. Each is one function of a tracked problem; the tracker keeps the best point."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from twin_daemon.fitting.searches.bayes import bayes
+from twin_daemon.fitting.searches.least_squares import least_squares
+from twin_daemon.fitting.searches.pso import pso
+from twin_daemon.fitting.searches.random import random_search
+from twin_daemon.fitting.tracker import Tracker
+
+
+class Search(Protocol):
+    """Lowers the tracked problem's cost with about `budget` evaluations, reproducibly for a seed."""
+
+    def __call__(self, tracker: Tracker, budget: int | None, seed: int) -> None: ...
+
+
+SEARCHES: dict[str, Search] = {
+    "least-squares": least_squares,
+    "bayes": bayes,
+    "pso": pso,
+    "random": random_search,
+}
