@@ -15,6 +15,7 @@ import time
 
 import zenoh
 
+from bridges.stop import Stoppable
 from twin_daemon.errors import BadInput, UsageError
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
@@ -49,7 +50,7 @@ def session_config(mode: str, *, listen: list[str] | None = None, connect: list[
     return config
 
 
-def open_client(endpoint: str, timeout_s: float | None, stop: threading.Event | None = None) -> zenoh.Session | None:
+def open_client(endpoint: str, timeout_s: float | None, stop: Stoppable | None = None) -> zenoh.Session | None:
     """A session at `endpoint`; tries again until something listens there.
 
     None when `timeout_s` has passed (None: for ever) or `stop` is set. Once open, Zenoh itself reconnects.
@@ -68,7 +69,7 @@ def open_client(endpoint: str, timeout_s: float | None, stop: threading.Event | 
 
 
 def open_daemon(endpoint: str) -> tuple[zenoh.Session, str]:
-    """A session for the daemon and how it came about: "listens" or "joined" (a router was there already)."""
+    """A session for the daemon, and whether it "listens" there or "joined" the router that was there already."""
     try:
         return zenoh.open(session_config("router", listen=[endpoint])), "listens"
     except zenoh.ZError as error:
@@ -86,6 +87,6 @@ def open_daemon(endpoint: str) -> tuple[zenoh.Session, str]:
     return session, "joined"
 
 
-def someone_serves(session: zenoh.Session, namespace: str, timeout_s: float = 1.0) -> bool:
-    """Whether a daemon for this namespace is alive on the network."""
-    return any(reply.ok for reply in session.liveliness().get(f"twin/{namespace}/alive", timeout=timeout_s))
+def someone_serves(session: zenoh.Session, alive_key: str, timeout_s: float = 1.0) -> bool:
+    """Whether a daemon has its liveliness token at this key."""
+    return any(reply.ok for reply in session.liveliness().get(alive_key, timeout=timeout_s))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import logging
-import threading
 import time
 from collections import deque
 from collections.abc import Callable
@@ -14,6 +13,7 @@ import zenoh
 
 from bridges import cdr
 from bridges.inbox import Inbox
+from bridges.stop import Stoppable
 from twin_daemon.daemon.messages import MalformedPayload
 from twin_daemon.daemon.service import TwinService
 
@@ -93,9 +93,7 @@ class ZenohBridge:
 
     # -- the loop ------------------------------------------------------------------------------------------
 
-    def run(
-        self, stop: threading.Event, seconds: float | None = None, each_turn: Callable[[], None] | None = None
-    ) -> None:
+    def run(self, stop: Stoppable, seconds: float | None = None, each_turn: Callable[[], None] | None = None) -> None:
         """Works until `stop` is set or `seconds` have passed. An error costs one message, never the loop."""
         end_s = None if seconds is None else time.monotonic() + seconds
         next_health_s = 0.0

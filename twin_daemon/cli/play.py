@@ -1,0 +1,93 @@
+"""`twin play`: recordings as if they were the hand."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from twin_daemon.cli.console import emit_json, people
+from twin_daemon.cli.options import HandName, JointMap, Json, Model, TrajectoryRef
+from twin_daemon.cli.run import Endpoint, Namespace, load_named
+
+if TYPE_CHECKING:
+    from twin_daemon.hand import Hand
+    from twin_daemon.recordings import Recording
+    from twin_daemon.recordings.recording import Commands
+
+log = logging.getLogger("twin.play")
+
+
+def command(
+    recordings: Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="ROS 1 or 2 bags, MCAP, CSV.")],
+    speed: Annotated[float, typer.Option("--speed", metavar="X", min=0.01, max=100.0, help="Times real time.")] = 1.0,
+    loop: Annotated[bool, typer.Option("--loop", help="Again and again, until it is stopped.")] = False,
+    keep_stamps: Annotated[bool, typer.Option("--keep-stamps", help="Stamps as recorded, not moved to now.")] = False,
+    trajectory: TrajectoryRef = None,
+    joint_map: JointMap = None,
+    hand: HandName = None,
+    model: Model = None,
+    namespace: Namespace = None,
+    endpoint: Endpoint = None,
+    json: Json = None,
+) -> int:
+    """Publish recordings in real time as if they were the hand, with the commands that they hold."""
+    from bridges.connection import Connection
+    from bridges.player import Timeline, play
+    from bridges.session import choose_endpoint
+    from bridges.stop import on_termination
+    from twin_daemon.recordings import load_recording
+
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
+    chosen = load_named(hand, model, namespace)
+    renamed = read_joint_map(joint_map)
+    loaded = [load_recording(path, renamed) for path in recordings]
+    timelines = [Timeline.of(one, commands_of(one, chosen, trajectory)) for one in loaded]
+    address = choose_endpoint(endpoint)
+    with on_termination() as stop, Connection(address) as connection:
+        if not connection.wait(0.5):
+            log.info("waiting for the twin at %s", address)
+        played = play(timelines, chosen.description, connection, stop, speed=speed, loop=loop, keep_stamps=keep_stamps)
+    if not played.listened:
+        log.warning("nobody listened to %s", chosen.description.key("joint_states"))
+    people(json).print(
+        f"played {played.joint_states} joint states and {played.joint_commands} commands in {played.duration_s:.1f} s"
+    )
+    emit_json(json, {"recordings": [str(path) for path in recordings], "speed": speed, **asdict(played)})
+    return 0
+
+
+def commands_of(recording: Recording, hand: Hand, trajectory: str | None) -> Commands | None:
+    """What the hand was told: as recorded, or a trajectory laid where the twin follows the measurement best."""
+    import numpy as np
+
+    from twin_daemon.recordings.recording import Commands
+
+    if trajectory is None and (recording.commands is None or recording.commands.interpolation == "hold"):
+        return recording.commands
+    from twin_daemon.signals.trajectory import load_trajectory
+    from twin_daemon.simulation.alignment import align, model_onset
+    from twin_daemon.simulation.twin import TwinModel
+
+    twin = TwinModel.load(hand)
+    aligned = align(twin, recording, load_trajectory(trajectory, hand) if trajectory else None)
+    onset_s = model_onset(twin, aligned) if aligned.onset_free else aligned.onset_s
+    position = aligned.signal.sample(aligned.time_s - onset_s)
+    told = np.isfinite(position).any(axis=1)
+    return Commands(recording.stamp_ns[told], aligned.signal.names, position[told], "hold")
+
+
+def read_joint_map(path: Path | None) -> dict[str, str] | None:
+    """Names in the data -> names to use."""
+    if path is None:
+        return None
+    from twin_daemon.errors import BadInput
+    from twin_daemon.hand.validation import read_yaml
+
+    raw = read_yaml(path, "a joint map")
+    if not all(isinstance(key, str) and isinstance(value, str) for key, value in raw.items()):
+        raise BadInput("a joint map is {name in the data: name}", where=path, todo="Correct the file")
+    return {str(key): str(value) for key, value in raw.items()}

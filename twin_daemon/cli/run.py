@@ -1,0 +1,120 @@
+"""`twin run`: the daemon."""
+
+from __future__ import annotations
+
+import logging
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from twin_daemon.cli.options import HandName, Model, Seconds, VersionRef
+from twin_daemon.errors import BadInput, TwinError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from twin_daemon.daemon.models import ModelSource
+    from twin_daemon.daemon.service import TwinService
+    from twin_daemon.hand import Hand
+
+log = logging.getLogger("twin")
+
+Endpoint = Annotated[
+    str | None,
+    typer.Option("--endpoint", metavar="ENDPOINT", help="Zenoh endpoint; default TWIN_ENDPOINT or tcp/127.0.0.1:7447."),
+]
+Namespace = Annotated[
+    str | None, typer.Option("--namespace", metavar="NS", help="First part of the keys; default the hand's name.")
+]
+_POLL_S = 1.0
+
+
+def command(
+    config: Annotated[Path | None, typer.Option("--config", "-c", metavar="twin.yaml", help="Configuration.")] = None,
+    hand: HandName = None,
+    model: Model = None,
+    version: VersionRef = None,
+    namespace: Namespace = None,
+    endpoint: Endpoint = None,
+    seconds: Seconds = None,
+) -> int:
+    """Run the live twin: follow the hand, predict it, measure the error, answer questions. Ends on SIGTERM."""
+    from bridges.session import choose_endpoint, open_daemon, someone_serves
+    from bridges.stop import on_termination
+    from bridges.zenoh_bridge import ZenohBridge
+    from twin_daemon.daemon.models import ModelSource
+    from twin_daemon.daemon.notify import Notifier
+    from twin_daemon.daemon.service import TwinService
+    from twin_daemon.daemon.settings import TwinConfig, load_config
+
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
+    settings = load_config(config) if config is not None else TwinConfig()
+    chosen = load_named(hand or settings.hand, model or settings.model, namespace or settings.namespace)
+    address = choose_endpoint(endpoint or settings.endpoint)
+    silence_mujoco()
+    source = ModelSource(chosen, version or settings.version)
+    twin, info = source.load()
+    service = TwinService(twin, info, settings.daemon)
+    with on_termination() as stop:
+        session, how = open_daemon(address)
+        try:
+            if how == "joined" and someone_serves(session, service.hand.description.key("alive")):
+                raise BadInput(
+                    f"a twin of {service.namespace} is served there already",
+                    where=address,
+                    todo="Stop it first, or run this one with another --namespace or --endpoint",
+                )
+            bridge = ZenohBridge(session, service, {"versions": source.answer})
+            notifier = Notifier()
+            where = f"listens at {address}" if how == "listens" else f"joined the router at {address}"
+            log.info("the twin of %s %s, version %s", service.namespace, where, info["id"])
+            notifier.say("READY=1")
+            bridge.run(stop, seconds, each_turn=_chores(service, source, notifier))
+            notifier.say("STOPPING=1")
+            bridge.close()
+        finally:
+            session.close()
+    accepted = service.health()["joint_states"]["accepted"]
+    log.info("the twin of %s has stopped; it followed %d joint states", service.namespace, accepted)
+    return 0
+
+
+def load_named(hand: str | None, model: Path | None, namespace: str | None) -> Hand:
+    """The hand, with another namespace if one is given."""
+    from twin_daemon.hand import load_hand
+
+    loaded = load_hand(hand, model)
+    if namespace is None:
+        return loaded
+    return replace(loaded, description=loaded.description.model_copy(update={"namespace": namespace}))
+
+
+def silence_mujoco() -> None:
+    """MuJoCo would write its warnings into the working folder; the model itself is watched for them."""
+    import mujoco
+
+    mujoco.set_mju_user_warning(lambda message: log.debug("MuJoCo: %s", message))
+
+
+def _chores(service: TwinService, source: ModelSource, notifier: Any) -> Callable[[], None]:
+    """What the loop does between messages: feed the watchdog, take up a promoted version."""
+    next_poll_s = time.monotonic() + _POLL_S
+
+    def chores() -> None:
+        nonlocal next_poll_s
+        notifier.alive()
+        if time.monotonic() < next_poll_s:
+            return
+        next_poll_s = time.monotonic() + _POLL_S
+        try:
+            found = source.poll()
+        except TwinError as error:
+            log.warning("the promoted version is not used: %s", error.line())
+            return
+        if found is not None:
+            service.use(*found)
+
+    return chores
