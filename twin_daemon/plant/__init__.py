@@ -1,0 +1,9 @@
+"""A stand-in for the real hand, with hidden effects: what the twin is tested against when no hand is there."""
+
+from __future__ import annotations
+
+from .hidden import Hidden, parse_hidden
+from .kinds import FOREIGN, HIDDEN, Kind
+from .plant import Plant
+
+__all__ = ["FOREIGN", "HIDDEN", "Hidden", "Kind", "Plant", "parse_hidden"]
