@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
-import uuid
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +11,7 @@ import numpy as np
 import yaml
 
 from twin_daemon.errors import BadInput, nearest
+from twin_daemon.files import write_atomically
 from twin_daemon.hand.description import Hand
 from twin_daemon.hand.validation import read_yaml, validated
 from twin_daemon.resources import trajectories_dir
@@ -24,7 +23,7 @@ RANGE_TOLERANCE_RAD = 1e-3
 """Files round pi/2 to 1.5708 or 1.571: so much beyond a limit is clipped and noted, more is refused."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # arrays have no single truth
 class Trajectory:
     """What a hand is told to do, from time 0 (the start pose, where the hand is assumed to be) to the last point.
 
@@ -36,7 +35,7 @@ class Trajectory:
     joints: tuple[str, ...]
     times_s: np.ndarray  # (w,) strictly increasing, from 0
     positions: np.ndarray  # (w, j) rad
-    notes: tuple[str, ...] = field(default=(), compare=False)
+    notes: tuple[str, ...] = ()
 
     @property
     def duration_s(self) -> float:
@@ -53,11 +52,12 @@ class Trajectory:
         positions[0] = [pose_rad.get(joint, float(old)) for joint, old in zip(self.joints, positions[0], strict=True)]
         return Trajectory(self.name, self.joints, self.times_s, positions, self.notes)
 
-    def by_command(self, hand: Hand) -> Trajectory:
+    def by_command(self, hand: Hand, where: str | None = None) -> Trajectory:
         """The same motion by command: J1 and J2 become their sum J0. BadInput where only one of a pair is given.
 
-        Joints that no command drives are left out.
+        Joints that no command drives are left out. `where` names the source in messages.
         """
+        where = where or self.name
         index = {joint: column for column, joint in enumerate(self.joints)}
         names: list[str] = []
         columns: list[np.ndarray] = []
@@ -70,8 +70,8 @@ class Trajectory:
                 column = self.positions[:, index[command]]
             elif command in index:
                 raise BadInput(
-                    f"both '{command}' and '{driven[0]}' are given, which it drives",
-                    where=self.name,
+                    f"'{command}' and '{driven[0]}' are both given, but the one drives the other",
+                    where=where,
                     todo="Give the command or the joints, not both",
                 )
             elif not driven:
@@ -80,15 +80,15 @@ class Trajectory:
                 missing = ", ".join(sorted(set(info.joints) - set(driven)))
                 raise BadInput(
                     f"'{driven[0]}' is given without {missing}: one motor drives them together",
-                    where=self.name,
+                    where=where,
                     todo=f"Give them all, or the command '{command}'",
                 )
             else:
                 column = np.sum([self.positions[:, index[joint]] for joint in driven], axis=0)
             names.append(command)
-            columns.append(_within(column, command, hand, self.name, labels, notes))
+            columns.append(_within(column, command, hand, where, labels, notes))
         if not names:
-            raise BadInput("none of its joints is driven by a command", where=self.name)
+            raise BadInput("none of its joints is driven by a command", where=where)
         return Trajectory(self.name, tuple(names), self.times_s, np.stack(columns, axis=1), tuple(notes))
 
 
@@ -151,7 +151,7 @@ def load_trajectory(ref: str | Path, hand: Hand) -> Trajectory:
     times_s, positions = plan.times_s, np.stack(columns, axis=1)
     trajectory = Trajectory(name, plan.names, times_s, positions, tuple(notes))
     if hand.commands:
-        trajectory.by_command(hand)  # refuses half a coupled pair, and sums beyond the motor's range
+        trajectory.by_command(hand, where)  # refuses half a coupled pair, and sums beyond the motor's range
     if motion.interpolation == "cubic":
         times_s, positions = smoothed(times_s, positions)
         trajectory = Trajectory(name, plan.names, times_s, positions, tuple(notes))
@@ -174,15 +174,9 @@ def save_trajectory(path: str | Path, trajectory: Trajectory | Sequence[Trajecto
     content = {f"hand{GROUP_SUFFIX}": {each.name: _as_written(each) for each in several}}
     text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=118)
     target = Path(path)
-    temporary = target.with_name(f".{target.name}.{uuid.uuid4().hex}.part")
     try:
-        with temporary.open("x", encoding="utf-8") as stream:
-            stream.write(text)
-            stream.flush()
-            os.fsync(stream.fileno())
-        temporary.replace(target)
+        write_atomically(target, text.encode())
     except OSError as error:
-        temporary.unlink(missing_ok=True)
         raise BadInput(f"cannot write the trajectory: {error.strerror or error}", where=target) from error
 
 

@@ -20,6 +20,7 @@ Joints that a waypoint does not name keep their last target.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -86,19 +87,16 @@ class Points:
 def points(motion: Motion, order: list[str], hand: Hand, where: str) -> Points:
     """The points that `motion` means for this hand; `order` names the numbers of `joint_angles`. Raises BadInput."""
     listed = motion.joints if motion.joints is not None else order
-    sparse = [_by_name(waypoint, listed, number, where) for number, waypoint in enumerate(motion.waypoints, start=1)]
-    used = dict.fromkeys(name for pose in (motion.start, *sparse) for name in pose)
-    if not used:
+    start = _resolved(motion.start, hand, where)
+    sparse = [
+        _resolved(_by_name(waypoint, listed, number, where), hand, where)
+        for number, waypoint in enumerate(motion.waypoints, start=1)
+    ]
+    names = tuple(dict.fromkeys(name for targets in (start, *sparse) for name in targets))
+    if not names:
         raise BadInput("it names no joint", where=where, todo="Give positions: {joint: angle}")
-    known = {name: _resolve(name, hand, where) for name in used}
-    names = tuple(dict.fromkeys(known.values()))
-    if len(names) < len(known):
-        twice = next(a for a in known if any(b != a and known[a] == known[b] for b in known))
-        raise BadInput(f"'{twice}' is named in two spellings", where=where, todo="Use one of them")
-    column = {spelling: names.index(name) for spelling, name in known.items()}
-    pose = np.array([_rest(name, hand) for name in names])
-    for name, angle in motion.start.items():
-        pose[column[name]] = angle
+    column = {name: index for index, name in enumerate(names)}
+    pose = np.array([start.get(name, _rest(name, hand)) for name in names])
     labels, times, rows = ["the start pose"], [0.0], [pose]
     for number, (waypoint, targets) in enumerate(zip(motion.waypoints, sparse, strict=True), start=1):
         pose = pose.copy()
@@ -151,14 +149,20 @@ def _by_name(waypoint: Waypoint, listed: list[str], number: int, where: str) -> 
     return dict(zip(listed, angles, strict=True))
 
 
-def _resolve(name: str, hand: Hand, where: str) -> str:
+def _resolved(targets: Mapping[str, float], hand: Hand, where: str) -> dict[str, float]:
+    """`targets` by the names of the hand, whatever spelling the file uses."""
     known = list(dict.fromkeys((*hand.joints, *hand.commands)))
-    found = match(name, known)
-    if found is None:
-        raise BadInput(
-            f"no joint or command '{name}' in the hand '{hand.name}'", where=where, todo=nearest(name, known)
-        )
-    return found
+    resolved: dict[str, float] = {}
+    for name, angle in targets.items():
+        found = match(name, known)
+        if found is None:
+            raise BadInput(
+                f"no joint or command '{name}' in hand '{hand.name}'", where=where, todo=nearest(name, known)
+            )
+        if found in resolved:
+            raise BadInput(f"'{found}' is named in two spellings", where=where, todo="Give it one target")
+        resolved[found] = angle
+    return resolved
 
 
 def _rest(name: str, hand: Hand) -> float:
