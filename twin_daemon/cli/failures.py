@@ -46,7 +46,7 @@ def guarded(command: Any, argv: Sequence[str] | None = None) -> int:
     except TyperException as error:
         return _wrong_usage(error)
     except (KeyboardInterrupt, typer.Abort):
-        return _say("Interrupted.", INTERRUPTED)
+        return INTERRUPTED  # whoever pressed the key knows
     except BrokenPipeError:
         # The reader has gone (`twin ... | head`). Python flushes once more at its end: give it somewhere to write.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

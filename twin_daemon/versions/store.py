@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from twin_daemon.errors import BadInput, NoAnswer, nearest
-from twin_daemon.files import sync_folder, write_atomically
+from twin_daemon.files import leftovers, sync_folder, write_atomically
 from twin_daemon.resources import models_dir, state_dir
 from twin_daemon.versions.aliases import CURRENT, PREVIOUS, Aliases, read_aliases, write_aliases
 from twin_daemon.versions.folder import read_folder, read_model, write_folder
@@ -237,6 +237,8 @@ class VersionStore:
             _lock(handle, self.root)
             for leftover in self._folders.glob(f"{_HIDDEN}*"):
                 shutil.rmtree(leftover, ignore_errors=True)
+            for half in leftovers(self._aliases):
+                half.unlink(missing_ok=True)
             yield
         finally:
             os.close(handle)

@@ -107,9 +107,9 @@ def _finite(value: Any, where: str) -> Any:
         return {str(key): _finite(item, f"{where}.{key}") for key, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [_finite(item, f"{where}[{i}]") for i, item in enumerate(value)]
+    if hasattr(value, "tolist"):  # numpy
+        return _finite(value.tolist(), where)
     result = plain(value)
     if result is None and value is not None:
         raise ValueError(f"{where} is {value}: a version holds finite numbers, or None for unknown")
-    if isinstance(result, (dict, list)):
-        return _finite(result, where)
     return result

@@ -1,0 +1,103 @@
+"""A writer may die at any moment, and several may write at once: the store is always whole."""
+
+from __future__ import annotations
+
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from twin_daemon.versions import Draft, VersionStore
+
+KILLS = 25
+WRITER = """
+import itertools, sys
+from pathlib import Path
+from twin_daemon.versions import Draft, VersionStore
+
+root, first, count = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
+store = VersionStore("hand", root=root, shipped=root / "none")
+print("ready", flush=True)
+for number in itertools.islice(itertools.count(first), count):
+    version = store.add(
+        Draft(hand="hand", kind="calibrated", terms={"number": number}), f"<mujoco model='{number}'/>" * 200
+    )
+    store.promote(version.id)
+    print(version.id, flush=True)
+"""
+
+
+def start(root: Path, first: int, count: int) -> subprocess.Popen[str]:
+    writer = subprocess.Popen(
+        [sys.executable, "-c", WRITER, str(root), str(first), str(count)], stdout=subprocess.PIPE, text=True
+    )
+    assert writer.stdout is not None
+    assert writer.stdout.readline() == "ready\n"
+    return writer
+
+
+def test_a_kill_at_any_moment_leaves_a_whole_store(tmp_path: Path, draft: Callable[..., Draft], mjcf: str) -> None:
+    root = tmp_path / "hand"
+    store = VersionStore("hand", root=root, shipped=tmp_path / "none")
+    moments = random.Random(1)
+    acknowledged: set[str] = set()
+    for kill in range(KILLS):
+        writer = start(root, first=kill * 10_000, count=10_000)
+        time.sleep(moments.uniform(0.0, 0.06))
+        writer.send_signal(signal.SIGKILL)
+        said, _ = writer.communicate()
+        acknowledged |= {line for line in said.splitlines(keepends=False) if len(line) == 64}
+        versions, problems = store.survey()
+        assert problems == []
+        assert acknowledged <= {version.id for version in versions}
+        aliases = store.aliases()
+        assert all(store.get(alias).id == target for alias, target in aliases.items())
+    assert acknowledged, "no writer got as far as storing a version: the test would show nothing"
+    store.add(draft(), mjcf)
+    assert not list((root / "versions").glob(".*")), "what dead writers left is gone after the next write"
+    assert not list(root.glob(".aliases*"))
+
+
+def test_two_writers_at_once_lose_nothing(tmp_path: Path) -> None:
+    root, each = tmp_path / "hand", 15
+    writers = [start(root, first=number * 1000, count=each) for number in (1, 2)]
+    stored = {line for writer in writers for line in writer.communicate()[0].split()}
+    assert [writer.returncode for writer in writers] == [0, 0]
+    store = VersionStore("hand", root=root, shipped=tmp_path / "none")
+    versions, problems = store.survey()
+    assert problems == []
+    assert {version.id for version in versions} == stored
+    assert len(stored) == 2 * each
+    assert set(store.aliases()) == {"current", "previous"}
+
+
+def test_two_writers_of_the_same_content_agree(tmp_path: Path) -> None:
+    root, each = tmp_path / "hand", 10
+    writers = [start(root, first=0, count=each) for _ in range(2)]
+    said = [writer.communicate()[0].split() for writer in writers]
+    assert said[0] == said[1]
+    assert len(VersionStore("hand", root=root, shipped=tmp_path / "none").list()) == each
+
+
+def test_a_reader_never_sees_half_a_version(tmp_path: Path) -> None:
+    root = tmp_path / "hand"
+    store = VersionStore("hand", root=root, shipped=tmp_path / "none")
+    writer = start(root, first=0, count=60)
+    reads = 0
+    try:
+        while writer.poll() is None:
+            assert store.survey()[1] == []
+            reads += 1
+    finally:
+        writer.kill()
+        writer.communicate()
+    assert reads > 1
+
+
+def test_a_writer_that_hangs_keeps_no_reader_out(store: VersionStore, draft: Callable[..., Draft], mjcf: str) -> None:
+    version = store.add(draft(), mjcf)
+    with store._writing():
+        assert store.list() == [version]

@@ -1,0 +1,191 @@
+"""Versions are found, moved between and exported; a damaged one harms no other."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import mujoco
+import pytest
+
+from twin_daemon.errors import BadInput
+from twin_daemon.versions import Draft, VersionStore
+
+
+def test_a_version_comes_back_as_it_was_stored(store: VersionStore, draft: Callable[..., Draft], mjcf: str) -> None:
+    stored = store.add(draft(), mjcf, alias="candidate")
+    assert store.get(stored.id) == store.get(stored.id[:8]) == store.get("candidate") == stored
+    assert store.model("candidate") == mjcf
+    assert store.list() == [stored]
+
+
+def test_adding_the_same_again_stores_nothing_new(store: VersionStore, draft: Callable[..., Draft], mjcf: str) -> None:
+    assert store.add(draft(), mjcf) == store.add(draft(), mjcf)
+    assert len(store.list()) == 1
+
+
+def test_versions_are_listed_in_the_order_they_were_made(
+    store: VersionStore, draft: Callable[..., Draft], mjcf: str
+) -> None:
+    made = [store.add(draft(damping), mjcf).id for damping in (0.3, 0.1, 0.2)]
+    assert [version.id for version in store.list()] == made
+
+
+def test_an_empty_store_can_be_read_and_creates_nothing(store: VersionStore) -> None:
+    assert store.list() == []
+    assert store.current() is None
+    assert not store.root.exists()
+
+
+@pytest.mark.parametrize("reference", ["current", "previous", "candidate", "abcdef", "x"])
+def test_what_is_not_there_is_bad_input(store: VersionStore, reference: str) -> None:
+    with pytest.raises(BadInput):
+        store.get(reference)
+
+
+def test_promoting_and_rolling_back(store: VersionStore, draft: Callable[..., Draft], mjcf: str) -> None:
+    first, second, third = (store.add(draft(damping), mjcf, alias="candidate").id for damping in (0.1, 0.2, 0.3))
+    with pytest.raises(BadInput, match="no previous"):
+        store.rollback()
+    store.promote(first)
+    with pytest.raises(BadInput, match="no previous"):
+        store.rollback()
+    store.promote(second)
+    assert store.promote().id == third
+    assert store.promote(third).id == third  # again: nothing moves
+    assert store.aliases() == {"current": third, "previous": second, "candidate": third}
+    assert store.rollback().id == second
+    assert store.aliases() == {"current": second, "previous": first, "candidate": third}
+    assert store.rollback().id == first
+    assert store.names(third) == ["candidate"]
+
+
+def test_rolling_back_to_a_damaged_version_moves_nothing(
+    store: VersionStore, draft: Callable[..., Draft], mjcf: str
+) -> None:
+    first, second = (store.promote(store.add(draft(damping), mjcf).id) for damping in (0.1, 0.2))
+    damage(store.resolve(first.id).folder / "model.xml")
+    with pytest.raises(BadInput, match=r"model\.xml"):
+        store.rollback()
+    assert store.aliases()["current"] == second.id
+
+
+def test_previous_follows_by_itself(store: VersionStore, draft: Callable[..., Draft], mjcf: str) -> None:
+    version = store.add(draft(), mjcf)
+    store.set_alias("bench", version.id)
+    assert store.get("bench") == version
+    for alias in ("previous", "a/b", "", version.id):
+        with pytest.raises(BadInput, match="cannot be set"):
+            store.set_alias(alias, version.id)
+
+
+def test_a_start_that_fits_several_names_them(store: VersionStore, draft: Callable[..., Draft], mjcf: str) -> None:
+    ids = [store.add(draft(), mjcf).id]
+    twin = store.resolve(ids[0]).folder.with_name(ids[0][:10] + "0" * 54)
+    shutil.copytree(store.resolve(ids[0]).folder, twin)
+    with pytest.raises(BadInput, match="several"):
+        store.get(ids[0][:10])
+
+
+def damage(path: Path) -> None:
+    path.chmod(0o644)
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+
+
+@pytest.mark.parametrize("name", ["version.json", "model.xml", "SHA256SUMS"])
+@pytest.mark.parametrize("harm", [damage, lambda path: path.write_bytes(b""), Path.unlink])
+def test_a_damaged_version_is_named_and_harms_no_other(
+    name: str, harm: Callable[[Path], object], store: VersionStore, draft: Callable[..., Draft], mjcf: str
+) -> None:
+    good, bad = store.add(draft(0.1), mjcf), store.add(draft(0.2), mjcf)
+    folder = store.resolve(bad.id).folder
+    (folder / name).chmod(0o644)
+    harm(folder / name)
+    with pytest.raises(BadInput, match=str(folder)) as caught:
+        store.get(bad.id)
+    assert "delete" in caught.value.line()
+    versions, problems = store.survey()
+    assert versions == [good]
+    assert len(problems) == 1
+    assert store.add(draft(0.2), mjcf).id == bad.id  # the same content again puts it right
+    assert store.survey()[1] == []
+
+
+def test_numbers_changed_with_their_sums_are_found_by_the_id(
+    store: VersionStore, draft: Callable[..., Draft], mjcf: str
+) -> None:
+    folder = store.resolve(store.add(draft(0.125), mjcf).id).folder
+    for path in folder.iterdir():
+        path.chmod(0o644)
+    record = folder / "version.json"
+    record.write_text(record.read_text(encoding="utf-8").replace("0.125", "0.5"), encoding="utf-8")
+    sums = subprocess.run(["sha256sum", "version.json", "model.xml"], cwd=folder, capture_output=True, check=True)
+    (folder / "SHA256SUMS").write_bytes(sums.stdout)
+    assert "id stands for" in store.survey()[1][0]
+
+
+def test_the_sums_are_those_of_plain_tools(store: VersionStore, draft: Callable[..., Draft], mjcf: str) -> None:
+    folder = store.resolve(store.add(draft(), mjcf).id).folder
+    subprocess.run(["sha256sum", "--check", "--strict", "SHA256SUMS"], cwd=folder, check=True, capture_output=True)
+
+
+def test_damaged_names_leave_the_versions_readable(store: VersionStore, draft: Callable[..., Draft], mjcf: str) -> None:
+    version = store.add(draft(), mjcf, alias="candidate")
+    (store.root / "aliases.json").write_text("{", encoding="utf-8")
+    with pytest.raises(BadInput, match=r"aliases\.json"):
+        store.get("candidate")
+    assert store.list() == [version]
+
+
+def test_a_version_of_another_hand_is_not_taken(
+    store: VersionStore, tmp_path: Path, draft: Callable[..., Draft], mjcf: str
+) -> None:
+    version = store.add(draft(), mjcf)
+    shutil.copytree(store.root, tmp_path / "other")
+    other = VersionStore("other", root=tmp_path / "other", shipped=tmp_path / "none")
+    with pytest.raises(BadInput, match="elsewhere"):
+        other.get(version.id)
+
+
+@pytest.mark.parametrize("hand", ["", "../up", "a/b", ".hidden"])
+def test_a_hand_cannot_reach_out_of_the_state_folder(hand: str) -> None:
+    with pytest.raises(BadInput, match="cannot name"):
+        VersionStore(hand)
+
+
+def test_shipped_versions_have_names_and_are_read_only(
+    store: VersionStore, tmp_path: Path, draft: Callable[..., Draft], mjcf: str
+) -> None:
+    version = store.add(draft(), mjcf)
+    shutil.copytree(store.resolve(version.id).folder, tmp_path / "shipped" / "bench-2024")
+    fresh = VersionStore("hand", root=tmp_path / "fresh", shipped=tmp_path / "shipped")
+    assert fresh.get("bench-2024") == version
+    assert fresh.list() == [version]
+    assert fresh.shipped(version.id)
+    fresh.promote("bench-2024")
+    assert fresh.current() == version
+    assert fresh.names(version.id) == ["current", "bench-2024"]
+    assert not (tmp_path / "fresh" / "versions" / version.id).exists()
+
+
+def test_an_export_is_a_model_for_plain_mujoco(
+    store: VersionStore, tmp_path: Path, draft: Callable[..., Draft], mjcf: str
+) -> None:
+    version = store.add(draft(), mjcf)
+    store.export(version.id, tmp_path / "twin.xml")
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / "twin.xml")).njnt == 1
+    with pytest.raises(BadInput, match="does not exist"):
+        store.export(version.id, tmp_path / "absent" / "twin.xml")
+
+
+def test_a_model_that_mujoco_refuses_is_not_exported(
+    store: VersionStore, tmp_path: Path, draft: Callable[..., Draft]
+) -> None:
+    version = store.add(draft(), "<mujoco><wurldbody/></mujoco>")
+    with pytest.raises(BadInput, match="MuJoCo does not load"):
+        store.export(version.id, tmp_path / "twin.xml")
+    assert not (tmp_path / "twin.xml").exists()
