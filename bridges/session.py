@@ -41,6 +41,7 @@ def session_config(mode: str, *, listen: list[str] | None = None, connect: list[
         "listen/endpoints": listen or [],
         "connect/endpoints": connect or [],
         "connect/retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 1.5},
+        "transport/unicast/open_timeout": 3000,
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         # at 1.5 kB a message it is slower, and its mlock fails under systemd's limits
@@ -77,7 +78,7 @@ def open_daemon(endpoint: str) -> tuple[zenoh.Session, str]:
             raise BadInput(
                 f"cannot listen: {error}".split(" at /")[0], where=endpoint, todo="Choose another --endpoint"
             ) from None
-    session = open_client(endpoint, timeout_s=3.0)
+    session = open_client(endpoint, timeout_s=2.0)
     if session is None:
         raise BadInput(
             "this address is in use by something that is not Zenoh",

@@ -39,11 +39,11 @@ def command(
     from bridges.player import Timeline, play
     from bridges.session import choose_endpoint
     from bridges.stop import on_termination
-    from twin_daemon.recordings import load_recording
+    from twin_daemon.recordings import load_joint_map, load_recording
 
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
     chosen = load_named(hand, model, namespace)
-    renamed = read_joint_map(joint_map)
+    renamed = load_joint_map(joint_map) if joint_map else None
     loaded = [load_recording(path, renamed) for path in recordings]
     timelines = [Timeline.of(one, commands_of(one, chosen, trajectory)) for one in loaded]
     address = choose_endpoint(endpoint)
@@ -78,16 +78,3 @@ def commands_of(recording: Recording, hand: Hand, trajectory: str | None) -> Com
     position = aligned.signal.sample(aligned.time_s - onset_s)
     told = np.isfinite(position).any(axis=1)
     return Commands(recording.stamp_ns[told], aligned.signal.names, position[told], "hold")
-
-
-def read_joint_map(path: Path | None) -> dict[str, str] | None:
-    """Names in the data -> names to use."""
-    if path is None:
-        return None
-    from twin_daemon.errors import BadInput
-    from twin_daemon.hand.validation import read_yaml
-
-    raw = read_yaml(path, "a joint map")
-    if not all(isinstance(key, str) and isinstance(value, str) for key, value in raw.items()):
-        raise BadInput("a joint map is {name in the data: name}", where=path, todo="Correct the file")
-    return {str(key): str(value) for key, value in raw.items()}

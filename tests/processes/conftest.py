@@ -1,0 +1,95 @@
+"""Real processes of the command line on a free port, ended by their own id."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+_MAIN = "import sys; from twin_daemon.cli.app import main; sys.exit(main())"
+
+
+class Twin:
+    """Starts `twin ...` on one endpoint of its own; everything still running is killed at the end."""
+
+    def __init__(self, folder: Path) -> None:
+        self.endpoint = f"tcp/127.0.0.1:{free_port()}"
+        self._folder = folder
+        self._environment = {**os.environ, "TWIN_ENDPOINT": self.endpoint, "PYTHONPATH": os.pathsep.join(sys.path)}
+        self._running: list[subprocess.Popen[str]] = []
+
+    def start(self, *arguments: str) -> subprocess.Popen[str]:
+        process = subprocess.Popen(
+            [sys.executable, "-c", _MAIN, *arguments],
+            cwd=self._folder,
+            env=self._environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self._running.append(process)
+        return process
+
+    def end(self, process: subprocess.Popen[str], timeout_s: float = 10.0) -> tuple[int, str, str]:
+        """SIGTERM if it still runs; exit code and both outputs."""
+        if process.poll() is None:
+            process.send_signal(signal.SIGTERM)
+        out, err = process.communicate(timeout=timeout_s)
+        return process.returncode, out, err
+
+    def finish(self, process: subprocess.Popen[str], timeout_s: float = 40.0) -> tuple[int, str, str]:
+        """Waits until it ends by itself."""
+        out, err = process.communicate(timeout=timeout_s)
+        return process.returncode, out, err
+
+    def run(self, *arguments: str) -> tuple[int, str, str]:
+        return self.finish(self.start(*arguments))
+
+    def query(self, question: str, timeout_s: float = 15.0) -> dict[str, Any]:
+        code, out, err = self.run("query", question, "--timeout", str(timeout_s), "--json", "-")
+        assert code == 0, err
+        return json.loads(out)
+
+    def clean_up(self) -> None:
+        for process in self._running:
+            if process.poll() is None:
+                process.kill()
+            process.communicate()
+
+
+@pytest.fixture
+def twin(tmp_path: Path) -> Iterator[Twin]:
+    processes = Twin(tmp_path)
+    yield processes
+    processes.clean_up()
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def until(condition: Any, timeout_s: float = 15.0) -> Any:
+    """The first true value of `condition`."""
+    deadline = time.monotonic() + timeout_s
+    while time.monotonic() < deadline:
+        found = condition()
+        if found:
+            return found
+        time.sleep(0.05)
+    pytest.fail(f"not within {timeout_s:g} s")
+
+
+@pytest.fixture(name="until")
+def _until() -> Any:
+    return until
