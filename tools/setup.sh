@@ -5,7 +5,8 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 locks=(requirements.lock)
-[ "${1:-}" = ros ] && locks+=(requirements-ros.lock)
+# Once asked for, ROS stays until `make clean`: `make test` must not take it away again.
+if [ "${1:-}" = ros ] || [ -e .venv/with-ros ]; then locks+=(requirements-ros.lock); fi
 
 usable() { "$1" -c 'import sys; raise SystemExit(sys.version_info < (3, 11))' >/dev/null 2>&1; }
 
@@ -43,4 +44,5 @@ for lock in "${locks[@]}"; do "${pip[@]}" --require-hashes --no-deps -r "$lock";
 rm -rf .venv/lib/python3.*/site-packages/*-py3.*.egg-info
 "${pip[@]}" --no-deps --no-build-isolation --editable .
 .venv/bin/twin --version
+if [ "${#locks[@]}" -gt 1 ]; then touch .venv/with-ros; fi
 echo "$stamp" > .venv/stamp
