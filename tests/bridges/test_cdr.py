@@ -33,22 +33,25 @@ def test_the_bytes_are_little_endian_cdr_with_the_stamp_first() -> None:
     assert int.from_bytes(payload[8:12], "little") == 123_456_789
 
 
+def outcome(payload: bytes) -> str:
+    """`read`, or the kind that the payload is counted under."""
+    try:
+        cdr.decode(payload)
+    except MalformedPayload as error:
+        return error.kind
+    return "read"
+
+
 @given(st.binary(max_size=400))
 def test_arbitrary_bytes_are_a_sample_or_malformed(payload: bytes) -> None:
-    try:
-        assert isinstance(cdr.decode(payload), JointSample)
-    except MalformedPayload as error:
-        assert error.kind == "malformed"
+    assert outcome(payload) in ("read", "malformed")
 
 
 @given(st.integers(0, 200), st.integers(0, 255))
 def test_a_flipped_byte_never_raises_anything_else(position: int, value: int) -> None:
     payload = bytearray(cdr.encode(SAMPLE))
     payload[position % len(payload)] = value
-    try:
-        cdr.decode(bytes(payload))
-    except MalformedPayload as error:
-        assert error.kind == "malformed"
+    assert outcome(bytes(payload)) in ("read", "malformed")
 
 
 def test_a_huge_payload_is_not_even_read() -> None:
