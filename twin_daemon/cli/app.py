@@ -27,6 +27,15 @@ OFFLINE, LIVE, STATE = "With recordings", "Live", "Versions and setup"
 
 # One line a command, in the order of the help.
 COMMANDS: dict[str, Entry] = {
+    "demo": Entry("demo", "The whole story without a hand: follow, learn, watch the error fall.", LIVE),
+    "run": Entry("run", "The daemon: follow the hand, predict it, measure the error, answer questions.", LIVE),
+    "hand": Entry("hand", "A stand-in for the real hand, worn as you like.", LIVE),
+    "play": Entry("play", "Recordings as if they were the hand.", LIVE),
+    "query": Entry("query", "Ask the daemon: state, residual, version, health, drift, model.", LIVE),
+    "compare": Entry("compare", "The model against measurements, joint by joint.", OFFLINE),
+    "check": Entry("check", "What the data can and cannot tell, before a fit.", OFFLINE),
+    "calibrate": Entry("calibrate", "Fit parameters to recordings and store the result as a version.", OFFLINE),
+    "doctor": Entry("doctor", "What is missing on this machine.", STATE),
     "versions": Entry("versions", "List, compare, promote, roll back, export and verify what was learned.", STATE),
 }
 

@@ -31,7 +31,7 @@ class Session:
     def recordings(self, paths: Sequence[Path], trajectory: str | None) -> list[Aligned]:
         """Loads and aligns recordings. A trajectory stands in where a recording holds no commands."""
         from twin_daemon.recordings import load_joint_map, load_recording
-        from twin_daemon.signals.waypoints import load_trajectory
+        from twin_daemon.signals.trajectory import load_trajectory
         from twin_daemon.simulation.alignment import align
 
         names = load_joint_map(self.joint_map) if self.joint_map else None

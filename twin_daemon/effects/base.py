@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
@@ -55,8 +55,27 @@ class Measurement:
 
 
 @dataclass(frozen=True)
+class Scale:
+    """How strong things are at a place, in the model without the effect: what is small and what is large there.
+
+    `kp` N m/rad of the actuator that drives it, `force_nm` its limit (or kp times 0.1 rad where it has none),
+    `damping` N m s/rad, `frictionloss` N m, `inertia` kg m2 about the joint at rest with armature, `lower` and
+    `upper` rad the range of the joint or of the actuated quantity, `step_s` the model's time step.
+    """
+
+    kp: float
+    force_nm: float
+    damping: float
+    frictionloss: float
+    inertia: float
+    lower: float
+    upper: float
+    step_s: float
+
+
+@dataclass(frozen=True)
 class Parameter:
-    """One number of an effect. At `neutral` the effect changes nothing."""
+    """One number of an effect. At `neutral` the effect changes nothing; `default` is a typical visible value."""
 
     name: str
     unit: str
@@ -68,18 +87,54 @@ class Parameter:
     log: bool = False
 
 
+@dataclass(frozen=True)
+class Story:
+    """An effect in words: what it is, how it shows in data, what causes it, what a mechanic would do."""
+
+    what: str
+    shows: str
+    cause: str
+    remedy: str
+    excitation: str  # the motion that tells it from its neighbours
+
+
 class Effect(ABC):
-    """One physical effect. A subclass is one file; its class docstring is the mechanism for people."""
+    """One physical effect. A subclass is one file; its docstring names the mechanism and its source.
+
+    `confusable` lists keys that similar motion may not tell apart from it. `contains` lists simpler effects that
+    it becomes at a bound of its parameters; where both explain the data the simpler one is reported.
+    """
 
     key: ClassVar[str]
+    title: ClassVar[str]
     acts_on: ClassVar[ActsOn]
     parameters: ClassVar[tuple[Parameter, ...]]
+    story: ClassVar[Story]
+    confusable: ClassVar[tuple[str, ...]] = ()
+    contains: ClassVar[tuple[str, ...]] = ()
 
     def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:
         """Writes the effect into the MjSpec. Effects of the sensor leave the model as it is."""
 
     def measure(self, measurement: Measurement, place: Place, values: Mapping[str, float]) -> None:
         """Writes the effect into the measurement model. Effects of the mechanics leave it as it is."""
+
+    def applies(self, place: Place) -> bool:
+        """Whether the effect can act at this place at all."""
+        if self.acts_on == "hand":
+            return place.target == "hand"
+        if self.acts_on == "tendon":
+            return place.tendon is not None and place.command == place.target
+        if self.acts_on == "actuator":
+            return place.command == place.target
+        return place.joint is not None
+
+    @abstractmethod
+    def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
+        """Finite-size values to start fits from, mild and strong, both signs where signs exist.
+
+        Effects such as backlash or dry friction are not smooth at zero: a fit that starts there goes nowhere.
+        """
 
     def complete(self, values: Mapping[str, float]) -> dict[str, float]:
         """The values by name with defaults filled in. Raises BadInput on unknown names or unphysical values."""
@@ -94,3 +149,7 @@ class Effect(ABC):
                     allowed=f"{parameter.lower:g} to {parameter.upper:g} {parameter.unit}",
                 )
         return {name: float(values.get(name, parameter.default)) for name, parameter in known.items()}
+
+    def neutral(self) -> dict[str, float]:
+        """The values at which the effect changes nothing."""
+        return {parameter.name: parameter.neutral for parameter in self.parameters}

@@ -43,25 +43,32 @@ def correlation_time(residual: np.ndarray) -> float:
     return float(max(1.0, 1.0 + 2.0 * correlation[1:last].sum()))
 
 
-def intervals(problem: Problem, point: np.ndarray, *, error_floor_rad: float = 0.0) -> list[Interval]:
+_EXPECTED_CORRELATION_S = 0.1  # of a fitted hand's residual, for data that have not been fitted yet
+
+
+def intervals(
+    problem: Problem, point: np.ndarray, *, error_floor_rad: float = 0.0, expected: bool = False
+) -> list[Interval]:
     """Gauss-Newton intervals at a point (p,), widened by the residual's correlation.
 
-    `error_floor_rad` is the least error to reckon with; a prediction that has not been fitted yet has none of
-    its own. What the data do not say is limited by the box of the search, and called not identifiable.
+    `error_floor_rad` is the least error to reckon with. With `expected` nothing has been fitted yet: the
+    residual says nothing, and the floor with a typical correlation stands for it. What the data do not say is
+    limited by the box of the search, and called not identifiable.
     """
     derivative = jacobian(Tracker(problem), point)
     # joint by joint: its residual's spread and correlation say how much its samples are worth
     information = np.zeros((len(point), len(point)))
     offset = 0
-    per_joint = [n for n in problem.samples_per_joint]
-    for residual in problem.joint_residuals(point[None]):
+    per_joint = problem.samples_per_joint
+    for recording, residual in zip(problem.recordings, problem.joint_residuals(point[None]), strict=True):
+        expected_tau = max(1.0, _EXPECTED_CORRELATION_S / float(np.median(np.diff(recording.time_s))))
         samples, joints = residual.shape[1:]
         rows = derivative[offset : offset + samples * joints].reshape(samples, joints, -1)
         offset += samples * joints
         for joint in range(joints):
             series = residual[0, :, joint]
-            tau = correlation_time(series)
-            variance = max(float(np.mean(series**2)), error_floor_rad**2)
+            tau = expected_tau if expected else correlation_time(series)
+            variance = error_floor_rad**2 if expected else max(float(np.mean(series**2)), error_floor_rad**2)
             unscaled = rows[:, joint] * np.sqrt(per_joint[joint] * joints)
             information += unscaled.T @ unscaled / (variance * tau)
     information += np.eye(len(point)) / _BOX_SIGMA**2

@@ -82,7 +82,13 @@ def _sub(
 def restricted(aligned: Aligned, joints: tuple[str, ...]) -> Aligned:
     """The same recording with only some joints."""
     columns = [aligned.joints.index(name) for name in joints]
-    return replace(aligned, joints=joints, measured=aligned.measured[:, columns])
+    return replace(
+        aligned,
+        joints=joints,
+        measured=aligned.measured[:, columns],
+        start_position=aligned.start_position[columns],
+        start_velocity=aligned.start_velocity[columns],
+    )
 
 
 def touching(twin: TwinModel, recording: Aligned) -> bool:

@@ -25,8 +25,9 @@ class Aligned:
     """One recording with its commands.
 
     `time_s` (n,) since the first sample; `measured` (n, j) rad in the order of `joints` (NaN where a sample
-    lacks a joint). The command at time t is `signal.sample(t - onset_s)`. `onset_free` says that the
-    recording does not hold its commands, so that the onset is estimated and a delay cannot be told from it.
+    lacks a joint, or where it is hidden from a fit). The command at time t is `signal.sample(t - onset_s)`.
+    `onset_free` says that the recording does not hold its commands, so that the onset is estimated and a delay
+    cannot be told from it. `start_position` (j,) rad and `start_velocity` (j,) rad/s are measured at time 0.
     """
 
     recording: Recording
@@ -36,6 +37,8 @@ class Aligned:
     signal: CommandSignal
     onset_s: float
     onset_free: bool
+    start_position: np.ndarray
+    start_velocity: np.ndarray
 
     @property
     def moving(self) -> np.ndarray:
@@ -58,30 +61,28 @@ class Aligned:
         rest = twin.drive @ start
         return twin.controls(self.signal.names, self.signal.sample(time_s - onset), rest)
 
-    @property
-    def start_position(self) -> np.ndarray:
-        """(j,) rad: each joint's first measured value, averaged over the few samples in which it cannot have moved."""
-        out = np.full(len(self.joints), np.nan)
-        for column, values in enumerate(self.measured.T):
-            known = np.flatnonzero(np.isfinite(values))
-            if known.size:
-                out[column] = values[known[0]]
-        return out
-
     def start_state(self, twin: TwinModel) -> tuple[np.ndarray, np.ndarray]:
-        """((nq,), (nv,)): the measured start, as true angles; at rest unless the first samples clearly move."""
+        """((nq,), (nv,)): where a roll-out starts, as true angles."""
         position = twin.measurement.invert(self.joints, self.start_position)
         qvel = np.zeros(twin.model.nv)
-        early = self.time_s <= _SETTLE_S
-        if early.sum() >= 4:
-            for column, dof in enumerate(twin.dof_adr):
-                values = self.measured[early, column]
-                if np.isfinite(values).all():
-                    slope, offset = np.polyfit(self.time_s[early], values, 1)
-                    scatter = np.std(values - slope * self.time_s[early] - offset)
-                    if abs(slope) * _SETTLE_S > 6.0 * max(scatter, 2e-3):
-                        qvel[dof] = slope
+        qvel[twin.dof_adr] = self.start_velocity
         return twin.initial_qpos(position), qvel
+
+
+def _start(time_s: np.ndarray, values: np.ndarray) -> tuple[float, float]:
+    """(position, velocity) at time 0 from one joint's samples; at rest unless the first ones clearly move."""
+    known = np.isfinite(values)
+    if not known.any():
+        return np.nan, 0.0
+    first = float(values[np.flatnonzero(known)[0]])
+    early = known & (time_s <= _SETTLE_S)
+    if early.sum() < 4:
+        return first, 0.0
+    slope, offset = np.polyfit(time_s[early], values[early], 1)
+    scatter = float(np.std(values[early] - slope * time_s[early] - offset))
+    if abs(slope) * _SETTLE_S > 6.0 * max(scatter, 2e-3):
+        return float(offset), float(slope)
+    return float(np.mean(values[early])), 0.0
 
 
 def align(twin: TwinModel, recording: Recording, trajectory: Trajectory | None = None) -> Aligned:
@@ -101,10 +102,12 @@ def align(twin: TwinModel, recording: Recording, trajectory: Trajectory | None =
     for name in shared:
         measured[:, twin.joints.index(name)] = recording.position[:, recording.joints.index(name)]
     time_s = (recording.stamp_ns - recording.stamp_ns[0]) * 1e-9
+    starts = [_start(time_s, column) for column in measured.T]
+    position, velocity = np.array([p for p, _ in starts]), np.array([v for _, v in starts])
     if trajectory is None and recording.commands is not None:
         signal = CommandSignal.from_stream(recording.commands, int(recording.stamp_ns[0]))
         _require_drive(twin, signal, recording)
-        return Aligned(recording, twin.joints, time_s, measured, signal, 0.0, onset_free=False)
+        return Aligned(recording, twin.joints, time_s, measured, signal, 0.0, False, position, velocity)
     if trajectory is None:
         raise BadInput(
             "the recording holds no commands",
@@ -113,7 +116,7 @@ def align(twin: TwinModel, recording: Recording, trajectory: Trajectory | None =
         )
     signal = CommandSignal.from_trajectory(trajectory)
     _require_drive(twin, signal, recording)
-    found = Aligned(recording, twin.joints, time_s, measured, signal, 0.0, onset_free=True)
+    found = Aligned(recording, twin.joints, time_s, measured, signal, 0.0, True, position, velocity)
     return found.with_onset(command_onset(twin, found))
 
 
@@ -135,18 +138,21 @@ def command_onset(twin: TwinModel, aligned: Aligned) -> float:
     apart. Least squares over the actuators that move, a grid first and then a bounded refinement.
     """
     actuated = twin.drive @ aligned.measured.T  # (nu, n)
-    moving = np.ptp(np.where(np.isfinite(actuated), actuated, 0.0), axis=1) > MOVING_RAD
     _, determined = twin.command_map(aligned.signal.names)
-    use = moving & determined & np.isfinite(actuated).any(axis=1)
+    measurable = np.isfinite(actuated).sum(axis=1) > 1
+    use = determined & measurable
+    use[use] = np.nanmax(actuated[use], axis=1) - np.nanmin(actuated[use], axis=1) > MOVING_RAD
     if not use.any():
-        return 0.0
+        return aligned.onset_s
 
     def error(onset: float) -> float:
         commanded = aligned.controls(twin, aligned.time_s, onset).T
         return float(np.nanmean((commanded[use] - actuated[use]) ** 2))
 
     length = float(aligned.signal.time_s[-1])
-    grid = np.arange(-length, aligned.time_s[-1], 0.05)
+    # a repeating motion fits at several places: once found, the onset is only refined
+    near = aligned.onset_s + np.arange(-0.5, 0.5, 0.05)
+    grid = near if aligned.onset_s else np.arange(-length, aligned.time_s[-1], 0.05)
     best = grid[int(np.argmin([error(onset) for onset in grid]))]
     found = minimize_scalar(error, bounds=(best - 0.06, best + 0.06), method="bounded", options={"xatol": 1e-4})
     return float(found.x)

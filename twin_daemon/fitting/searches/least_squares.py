@@ -6,6 +6,8 @@ the best of a space-filling sample around it.
 
 from __future__ import annotations
 
+import contextlib
+
 import numpy as np
 from mujoco import minimize
 from scipy.stats import qmc
@@ -13,10 +15,12 @@ from scipy.stats import qmc
 from twin_daemon.fitting.tracker import Tracker
 
 _STARTS = 4
-_SAMPLES = 32
+_SAMPLES = 64
 _ITERATIONS = 40
 _ROUGH_ITERATIONS = 6
 _STEP = 1e-3  # of the box: steps over what friction and a delay buffer make rough
+_STALLED = 3e-3  # a relative gain below this in each of the last iterations: it has arrived
+_PATIENCE = 3
 
 
 def least_squares(tracker: Tracker, budget: int | None, seed: int) -> None:
@@ -39,8 +43,8 @@ def least_squares(tracker: Tracker, budget: int | None, seed: int) -> None:
             descend(tracker, point, _ITERATIONS, limit)
 
 
-class _BudgetSpent(Exception):
-    pass
+class _Ended(Exception):
+    """The descent is over: its budget is spent, or it has arrived."""
 
 
 def descend(
@@ -51,7 +55,7 @@ def descend(
 
     def residual(columns: np.ndarray) -> np.ndarray:
         if len(tracker.history) >= limit:
-            raise _BudgetSpent
+            raise _Ended
         rows = tracker.residuals(np.atleast_2d(columns.T))
         cost = (rows**2).sum(axis=1)
         index = int(np.argmin(cost))
@@ -59,8 +63,13 @@ def descend(
             best[:] = [np.clip(np.atleast_2d(columns.T)[index], 0.0, 1.0), float(cost[index])]
         return rows.T
 
+    def stop_when_stalled(trace: list) -> None:
+        costs = [entry.objective for entry in trace[-_PATIENCE - 1 :]]
+        if len(costs) > _PATIENCE and costs[0] - costs[-1] < _STALLED * abs(costs[0]):
+            raise _Ended
+
     bounds = [np.zeros(len(start)), np.ones(len(start))]
-    try:
+    with contextlib.suppress(_Ended):
         minimize.least_squares(
             np.clip(start, 0.0, 1.0),
             residual,
@@ -69,10 +78,9 @@ def descend(
             max_iter=iterations,
             xtol=1e-5,
             gtol=1e-10,
+            iter_callback=stop_when_stalled,
             verbose=minimize.Verbosity.SILENT,
         )
-    except _BudgetSpent:
-        pass
     return best[0], best[1]
 
 

@@ -1,0 +1,34 @@
+"""Viscous friction: a torque against the motion, proportional to speed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
+from twin_daemon.effects.edits import add_to_linear
+
+
+class ViscousFriction(Effect):
+    """Torque -b v beside what the model has (MuJoCo manual, joint damping)."""
+
+    key = "viscous_friction"
+    title = "more (or less) viscous friction"
+    acts_on = "joint"
+    parameters = (
+        Parameter("damping", "N m s/rad", -20.0, 20.0, 0.0, 0.1, "damping beside the model's own; below 0 it has less"),
+    )
+    story = Story(
+        what="A torque against the motion that grows with speed.",
+        shows="A lag that is proportional to speed; nothing at rest.",
+        cause="Grease that has thickened or dried, a tendon sheath that drags, cold.",
+        remedy="Clean and grease the joint; check the tendon's sheath.",
+        excitation="the same motion at two clearly different speeds",
+    )
+    confusable = ("coulomb_friction", "actuator_lag", "command_delay", "actuator_gain")
+
+    def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:
+        add_to_linear(spec.joint(place.joint), "damping", values["damping"], place)
+
+    def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
+        return ({"damping": 0.5 * scale.damping}, {"damping": 2.0 * scale.damping}, {"damping": -0.5 * scale.damping})
