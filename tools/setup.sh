@@ -23,26 +23,30 @@ find_python() {
 
 if [ -z "${PYTHON:-}" ] && usable .venv/bin/python; then python=.venv/bin/python; else python=$(find_python); fi
 base=$("$python" -c 'import sys; print(sys._base_executable, sys.version)')
-stamp=$({ echo "$PWD" "$base" "${locks[@]}"; cat "${locks[@]}" pyproject.toml tools/setup.sh; } \
-        | "$python" -c 'import hashlib, sys; print(hashlib.sha256(sys.stdin.buffer.read()).hexdigest())')
-if [ "$(cat .venv/stamp 2>/dev/null)" = "$stamp" ] && .venv/bin/twin --version >/dev/null 2>&1; then
+digest() { "$python" -c 'import hashlib, sys; print(hashlib.sha256(sys.stdin.buffer.read()).hexdigest())'; }
+packages=$({ echo "$PWD" "$base" "${locks[@]}"; cat "${locks[@]}" tools/setup.sh; } | digest)
+project=$({ echo "$packages"; cat pyproject.toml; } | digest)
+if [ "$(cat .venv/stamp 2>/dev/null)" = "$project" ] && .venv/bin/twin --version >/dev/null 2>&1; then
     exit 0
 fi
 
-python=$("$python" -c 'import sys; print(sys._base_executable)')
-echo "Building .venv with $("$python" --version)"
-rm -rf .venv
-if ! "$python" -m venv .venv; then
-    rm -rf .venv
-    echo "make setup: '$python -m venv' failed. On Debian and Ubuntu: apt install python3-venv" >&2
-    exit 1
-fi
-# The lock holds every package with its hash, the build back end included, so nothing else is fetched.
 pip=(.venv/bin/python -m pip --disable-pip-version-check --no-input install -qq)
-for lock in "${locks[@]}"; do "${pip[@]}" --require-hashes --no-deps -r "$lock"; done
-# ROS wheels leave metadata of foreign names that other installers would take for packages to remove.
-rm -rf .venv/lib/python3.*/site-packages/*-py3.*.egg-info
+if [ "$(cat .venv/stamp-packages 2>/dev/null)" != "$packages" ] || ! usable .venv/bin/python; then
+    python=$("$python" -c 'import sys; print(sys._base_executable)')
+    echo "Building .venv with $("$python" --version)"
+    rm -rf .venv
+    if ! "$python" -m venv .venv; then
+        rm -rf .venv
+        echo "make setup: '$python -m venv' failed. On Debian and Ubuntu: apt install python3-venv" >&2
+        exit 1
+    fi
+    # The lock holds every package with its hash, the build back end included, so nothing else is fetched.
+    for lock in "${locks[@]}"; do "${pip[@]}" --require-hashes --no-deps -r "$lock"; done
+    # ROS wheels leave metadata of foreign names that other installers would take for packages to remove.
+    rm -rf .venv/lib/python3.*/site-packages/*-py3.*.egg-info
+    if [ "${#locks[@]}" -gt 1 ]; then touch .venv/with-ros; fi
+    echo "$packages" > .venv/stamp-packages
+fi
 "${pip[@]}" --no-deps --no-build-isolation --editable .
 .venv/bin/twin --version
-if [ "${#locks[@]}" -gt 1 ]; then touch .venv/with-ros; fi
-echo "$stamp" > .venv/stamp
+echo "$project" > .venv/stamp
