@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twin_daemon.cli.console import emit_json, plain_text
@@ -49,11 +49,13 @@ def test_what_has_no_json_form_is_an_error() -> None:
         plain({"a": object()})
 
 
+@settings(max_examples=50)
 @given(st.dictionaries(st.text(), values))
 def test_any_result_is_strict_json(result: dict) -> None:
     json.loads(json.dumps(plain(result), allow_nan=False))
 
 
+@settings(max_examples=50)
 @given(st.dictionaries(st.text(), values))
 def test_canonical_bytes_do_not_depend_on_the_order_of_keys(result: dict) -> None:
     backwards = dict(reversed(result.items()))
