@@ -8,7 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin_daemon.errors import BadInput
 from twin_daemon.recordings.rows import Block, Rows
+
+_MAX_JOINTS = 4096  # names that are made up by damaged or hostile messages must not fill the memory
 
 
 @dataclass(frozen=True)
@@ -38,7 +41,7 @@ def assemble(parts: Sequence[Rows], dropped: Counter[str], *, zero_is_unset: boo
         for _, block in taken:
             if by_receive_time:
                 block.stamp_ns = block.received_ns
-        taken = [(names, _keep(block, block.stamp_ns > 0, "no_stamp", dropped)) for names, block in taken]
+        taken = [(names, _keep(block, np.asarray(block.stamp_ns > 0), "no_stamp", dropped)) for names, block in taken]
     taken = [(names, _without_nan(block, dropped)) for names, block in taken]
     taken = [(names, block) for names, block in taken if len(block.stamp_ns)]
     taken = _in_order(taken, dropped)
@@ -77,7 +80,7 @@ def _without_nan(block: Block, dropped: Counter[str]) -> Block:
             values[bad] = np.nan
     if _all_finite(block.position):
         return block
-    return _keep(block, np.isfinite(block.position).any(axis=1), "all_nan", dropped)
+    return _keep(block, np.asarray(np.isfinite(block.position).any(axis=1)), "all_nan", dropped)
 
 
 def _all_finite(values: np.ndarray) -> bool:
@@ -181,4 +184,6 @@ def _union(taken: list[tuple[tuple[str, ...], Block]]) -> dict[str, int]:
     for names, _ in taken:
         for name in names:
             joints.setdefault(name, len(joints))
+    if len(joints) > _MAX_JOINTS:
+        raise BadInput(f"its messages name {len(joints)} different joints", allowed=f"{_MAX_JOINTS} at most")
     return joints

@@ -40,7 +40,7 @@ def lines(text: TextIO, path: Path) -> Iterator[str]:
 def numbers(cell: str) -> list[float]:
     """The numbers of "[1, 2.5]" or "(1, 2.5)"; none of an empty cell. Raises ValueError."""
     inner = _inner(cell)
-    return [float(part) for part in inner.split(",")] if inner else []
+    return list(map(float, inner.split(","))) if inner else []
 
 
 def names(cell: str) -> tuple[str, ...]:

@@ -34,7 +34,10 @@ class _Layout:
     start: bytes | None  # the CDR header; None in ROS 1, where seq stands there
     head: bytes  # from the frame to the number of positions, names included
     position_at: int
-    fixed: tuple[tuple[int, bytes], ...]  # the other lengths, by place
+    velocity_at: int  # where their numbers are counted, and the counts as they stand there
+    velocities: bytes
+    effort_at: int
+    efforts: bytes
     dtype: np.dtype
     refused: str | None
     ignored: tuple[str, ...]
@@ -47,7 +50,8 @@ class _Layout:
         return (
             raw[_HEAD_AT : self.position_at] == self.head
             and (self.start is None or raw[:4] == self.start)
-            and all(raw[at : at + 4] == length for at, length in self.fixed)
+            and raw[self.velocity_at : self.velocity_at + 4] == self.velocities
+            and raw[self.effort_at : self.effort_at + 4] == self.efforts
         )
 
 
@@ -175,13 +179,16 @@ def _learn(
         places, end = _places(raw, len(message.names), ros1)
     except (struct.error, IndexError):
         return None
-    (count_at, _, positions), *others = places
+    (count_at, _, positions), (velocity_at, _, _), (effort_at, _, _) = places
     layout = _Layout(
         size=len(raw),
         start=None if ros1 else raw[:4],
         head=raw[_HEAD_AT : count_at + 4],
         position_at=count_at + 4,
-        fixed=tuple((at, raw[at : at + 4]) for at, _, _ in others),
+        velocity_at=velocity_at,
+        velocities=raw[velocity_at : velocity_at + 4],
+        effort_at=effort_at,
+        efforts=raw[effort_at : effort_at + 4],
         dtype=np.dtype(
             {
                 "names": ["sec", "nanosec", "position", "velocity", "effort"],

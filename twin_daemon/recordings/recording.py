@@ -71,7 +71,7 @@ class Recording:
         if unknown:
             raise BadInput(f"no joint '{unknown[0]}'", where=self.name, todo=nearest(unknown[0], self.joints))
         columns = [self.joints.index(name) for name in joints]
-        rows = np.isfinite(self.position[:, columns]).any(axis=1)
+        rows = np.asarray(np.isfinite(self.position[:, columns]).any(axis=1))
         if not rows.any():
             raise BadInput(f"no sample carries {', '.join(joints)}", where=self.name)
         return self._part(rows, columns)
@@ -82,7 +82,7 @@ class Recording:
         All commands stay: the target that is in force at the start was sent before it.
         """
         time_s = self.time_s
-        rows = time_s >= start_s
+        rows = np.asarray(time_s >= start_s)
         if end_s is not None:
             rows &= time_s < end_s
         if not rows.any():

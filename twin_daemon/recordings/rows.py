@@ -31,16 +31,16 @@ class Rows:
         self._stamps: list[np.ndarray] = []  # (3, n): stamp, receive time, order of arrival
         self._values: dict[str, list[np.ndarray]] = {"position": [], "velocity": [], "effort": []}
         self._loose_stamps: list[tuple[int, int, int]] = []
-        self._loose: dict[str, list[Sequence[float]]] = {"position": [], "velocity": [], "effort": []}
+        self._loose: dict[str, list[Sequence[float] | np.ndarray]] = {"position": [], "velocity": [], "effort": []}
 
     def add(
         self,
         stamp_ns: int,
         received_ns: int,
         order: int,
-        position: Sequence[float],
-        velocity: Sequence[float] = (),
-        effort: Sequence[float] = (),
+        position: Sequence[float] | np.ndarray,
+        velocity: Sequence[float] | np.ndarray = (),
+        effort: Sequence[float] | np.ndarray = (),
     ) -> None:
         """One sample; velocity and effort count only where these rows have them."""
         self._loose_stamps.append((stamp_ns, received_ns, order))

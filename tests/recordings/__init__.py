@@ -1,0 +1,1 @@
+"""Readers and the writer of recordings, against files that rosbags wrote."""
