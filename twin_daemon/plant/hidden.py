@@ -131,19 +131,18 @@ def _hint(hidden: Hidden, hand: Hand, candidates: Sequence[str]) -> str:
 
 
 def _default(kind: Kind, hand: Hand, candidates: Sequence[str]) -> str:
-    """FFJ3 where there is one, else the joint with a servo of its own that moves furthest."""
+    """FFJ3 where there is one, else the middle one of the joints with a servo of their own: not base, not tool."""
     if kind.acts_on == "finger":
         return candidates[0]
     usual = match("FFJ3", candidates)
     if usual is not None:
         return usual
-    spans: dict[str, float] = {}
-    for command, info in hand.description.commands.items():
-        name = command if kind.acts_on == "command" else info.joints[0]
-        if len(info.joints) == 1 and name in candidates:
-            low, high = hand.command_range_rad[command]
-            spans[name] = min(high - low, 2 * math.pi)
-    return max(spans, key=spans.__getitem__) if spans else candidates[0]
+    alone = [
+        command if kind.acts_on == "command" else info.joints[0]
+        for command, info in hand.description.commands.items()
+        if len(info.joints) == 1
+    ]
+    return alone[(len(alone) - 1) // 2] if alone else candidates[0]
 
 
 def _strength(text: str) -> Strength | None:

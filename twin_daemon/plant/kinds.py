@@ -1,7 +1,9 @@
 """The table of everything that the plant can hide: keys, units, neutral values, and how big mild and severe are.
 
 A default value is a factor times a scale of the place where the effect sits (`Scale`), so that "mild" means about the
-same visible error on a finger with kp 1, on one with kp 10 and on an arm.
+same visible error on a finger with kp 1, on one with kp 10 and on an arm. A place is a joint, a sensor (joints only), a
+command, a finger (the command of a J1/J2 pair), or the whole hand. An effect that acts on a joint may also be put on the
+command of a pair (FFJ0): it then acts along their tendon, on J1 + J2.
 """
 
 from __future__ import annotations
@@ -103,8 +105,8 @@ _ALL = (
         "preload that keeps J1 open, with springs on J1 and J2 in the real hand's ratio",
         "N m",
         0.0,
-        0.006,
-        0.012,
+        0.01,
+        0.05,
         "finger",
         more={"spring_j1": (0.29, "1/rad"), "spring_j2": (0.46, "1/rad")},
     ),

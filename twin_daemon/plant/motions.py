@@ -59,6 +59,9 @@ def _track(low: float, high: float, seconds: float, random: np.random.Generator)
 
     go(angles[0], 0.5)
     while times[-1] < seconds:
+        go(high, 0.5)  # every round sees the upper end, where stops and springs are
+        go(angles[-1], 0.2)
+        go(low + float(random.uniform(0.4, 0.7)) * span, 0.5)
         for segment in random.permutation(6):
             share = float(random.uniform(0.8, 1.2))
             if segment == 0:

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from twin_daemon.errors import BadInput
+from twin_daemon.hand import match
 from twin_daemon.signals.trajectory import Trajectory
 
 from .plant import Plant
@@ -56,9 +57,10 @@ def simulate(
 ) -> Run:
     """Runs the motion from rest.
 
-    The plant is reset to `start` ({joint: rad}), holds the first targets for `settle_s`, and then gets targets at
-    `command_rate_hz` (the hand's own rate by default) while it is measured at `rate_hz`. Both clocks have their own
-    phase, as on a bus; stamps of measurements are off by up to `jitter_s`. `duration_s` is needed for a function only.
+    The plant is reset to `start` ({joint: rad}; by default the pose that the first targets ask for, pairs shared
+    evenly), holds the first targets for `settle_s`, and then gets targets at `command_rate_hz` (the hand's own rate by
+    default) while it is measured at `rate_hz`. Both clocks have their own phase, as on a bus; stamps of measurements
+    are off by up to `jitter_s`. `duration_s` is needed for a function only.
     """
     rate = rate_hz or plant.hand.description.rate_hz
     command_rate = command_rate_hz or rate
@@ -76,7 +78,7 @@ def simulate(
     phase = round(float(random.uniform(0.0, 1.0)) / command_rate, 3)  # whole steps of any plant: no rounding of its own
     ticks = phase + np.arange(-1, int(np.floor((duration_s - phase) * command_rate)) + 1) / command_rate
 
-    plant.reset(start)
+    plant.reset(_pose(plant, targets(0.0)) if start is None else start)
     plant.set_targets(targets(0.0))
     plant.advance(settle_s)
     zero_s = plant.time_s
@@ -121,3 +123,15 @@ def _targets(plant: Plant, motion: Motion) -> Callable[[float], Mapping[str, flo
     by_command = motion.by_command(plant.hand)
     names = by_command.joints
     return lambda time_s: dict(zip(names, by_command.sample(np.array([time_s]))[0].tolist(), strict=True))
+
+
+def _pose(plant: Plant, targets: Mapping[str, float]) -> dict[str, float]:
+    """{joint: rad} where these targets are met."""
+    commands = plant.hand.description.commands
+    pose: dict[str, float] = {}
+    for name, target in targets.items():
+        command = match(name, commands) or name
+        if command in commands:
+            joints = commands[command].joints
+            pose |= {joint: plant.rig.joint_angle(command, joint, target / len(joints)) for joint in joints}
+    return pose

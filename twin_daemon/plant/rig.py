@@ -114,7 +114,7 @@ class Rig:
 
     def _mass_matrix(self) -> None:
         """(nv, nv) inverse mass matrix at the model's reference pose, and the servos' moment arms (c, nv)."""
-        data = mujoco.MjData(self.model)
+        self._reference = data = mujoco.MjData(self.model)
         mujoco.mj_forward(self.model, data)
         nv = self.model.nv
         mass = np.zeros((nv, nv))
@@ -134,6 +134,13 @@ class Rig:
         data.qpos[self.qpos_of[self.joint_index[joint]]] += 1e-4
         mujoco.mj_forward(self.model, data)
         return round((float(data.actuator_length[self.actuator_of[row]]) - before) / 1e-4, 6)
+
+    def joint_angle(self, command: str, joint: str, angle: float) -> float:
+        """rad of a joint at which its command's servo has moved by `angle`, within the joint's range."""
+        row = self.joint_index[joint]
+        arm = float(self.arms[self.command_index[command], self.dof_of[row]])
+        low, high = self.hand.joint_range_rad[joint]
+        return min(max(angle / arm, low), high)
 
     def inertia_at(self, name: str) -> float:
         """kg m2 that a torque at this joint (or along this command's tendon) feels, the rest being free."""
@@ -168,8 +175,28 @@ class Rig:
         kp = -float(self.pull[command]) if command >= 0 else 1.0
         limit = min(kp * span, float(self.force_high[command]) if command >= 0 else math.inf)
         damping = self.lumped(self.model.dof_damping, command) if command >= 0 else 0.0
-        arm = max(2.0 * float(np.linalg.norm(self.model.body_ipos[self.link_of(name)])), 0.02)
+        arm = max(self._bearing_arm(name, kp), 0.02)
         return Scale(kp, span, limit, damping, self.inertia_at(name), arm)
+
+    def _bearing_arm(self, name: str, kp: float) -> float:
+        """m: lever of a load at the end of the link, at the joint (of those that bear it) that it bends most.
+
+        Levers of other joints are in parts of their stiffness: a mass that a finger carries may bend a weak wrist.
+        """
+        model, data = self.model, self._reference
+        body = self.link_of(name)
+        end = data.xpos[body] + data.xmat[body].reshape(3, 3) @ (2.0 * model.body_ipos[body])
+        arm = 0.0
+        while body:
+            for row in np.flatnonzero(self.body_of == body):
+                joint = model.joint(self.hand.description.joints[self.joints[row]].joint).id
+                lever = end - data.xanchor[joint]
+                lever = lever - data.xaxis[joint] * (lever @ data.xaxis[joint])
+                command = int(self.command_of[row])
+                share = kp / -float(self.pull[command]) if command >= 0 else 1.0
+                arm = max(arm, share * float(np.linalg.norm(lever)))
+            body = int(model.body_parentid[body])
+        return arm
 
     def _spread(self, spread: float, seed: int) -> dict[str, np.ndarray]:
         """Scales the nominal parameters by factors within 1 +- spread, and returns the factors."""

@@ -59,23 +59,25 @@ class Elasticity(_BesideServos):
     def prepare(self) -> None:
         super().prepare()
         model, rig = self.rig.model, self.rig
-        self._soft = self.value > 0.0
+        self._soft = np.zeros(len(self.rows), dtype=bool)
         self._damping = np.array([_MOTOR_SHARE * rig.lumped(model.dof_damping, row) for row in self.rows])
         rotor = np.array([_MOTOR_SHARE * rig.lumped(model.dof_armature, row) for row in self.rows])
         inertia = np.array([rig.inertia_at(name) for name in self.names])
         self._rotor = np.maximum(rotor, 0.05 * inertia)
         self._most = 0.25 * inertia / REFERENCE_STEP_S**2
-        for row in self.rows[self._soft]:
-            dofs = np.flatnonzero(rig.arms[row])
-            model.dof_damping[dofs] *= 1.0 - _MOTOR_SHARE
-            model.dof_armature[dofs] *= 1.0 - _MOTOR_SHARE
-        if self._soft.any():
-            rig.refresh()
 
     def update(self) -> None:
         with np.errstate(divide="ignore"):
             self._stiffness = np.minimum(1.0 / self.value, self._most)
         self._strand_damping = 0.1 * np.sqrt(self._stiffness * self._rotor)
+        newly = (self.value > 0.0) & ~self._soft
+        for row in self.rows[newly]:
+            dofs = np.flatnonzero(self.rig.arms[row])
+            self.rig.model.dof_damping[dofs] *= 1.0 - _MOTOR_SHARE
+            self.rig.model.dof_armature[dofs] *= 1.0 - _MOTOR_SHARE
+        if newly.any():
+            self._soft |= newly
+            self.rig.refresh()
 
     def reset(self) -> None:
         self._motor: np.ndarray | None = None
