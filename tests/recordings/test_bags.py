@@ -219,5 +219,5 @@ def test_a_window_keeps_the_commands_that_led_into_it(tmp_path: Path) -> None:
     assert second.commands.position.tolist() == [[0.5]]
     with pytest.raises(BadInput, match="no samples"):
         recording.window(5.0, 6.0)
-    with pytest.raises(BadInput, match="rh_FFJ1"):
+    with pytest.raises(BadInput, match="rh_FFJ9"):
         recording.select(["rh_FFJ9"])

@@ -61,9 +61,13 @@ def test_other_tools_find_topics_types_and_metadata(tmp_path: Path) -> None:
 
 
 def test_a_failure_while_writing_leaves_nothing(tmp_path: Path) -> None:
-    with pytest.raises(RuntimeError, match="interrupted"), McapWriter(tmp_path / "motion.mcap") as writer:
-        writer.joint_states(START, NAMES, [1, 2, 3])
-        raise RuntimeError("interrupted")
+    def interrupted() -> None:
+        with McapWriter(tmp_path / "motion.mcap") as writer:
+            writer.joint_states(START, NAMES, [1, 2, 3])
+            raise RuntimeError("interrupted")
+
+    with pytest.raises(RuntimeError, match="interrupted"):
+        interrupted()
     assert list(tmp_path.iterdir()) == []
 
 
