@@ -2,8 +2,8 @@
 
 A default value is a factor times a scale of the place where the effect sits (`Scale`), so that "mild" means about the
 same visible error on a finger with kp 1, on one with kp 10 and on an arm. A place is a joint, a sensor (joints only), a
-command, a finger (the command of a J1/J2 pair), or the whole hand. An effect that acts on a joint may also be put on the
-command of a pair (FFJ0): it then acts along their tendon, on J1 + J2.
+command, a finger (the command of a J1/J2 pair), or the whole hand. An effect that acts on a joint may also be put on
+the command of a pair (FFJ0): it then acts along their tendon, on J1 + J2.
 """
 
 from __future__ import annotations
