@@ -2,10 +2,38 @@
 
 from __future__ import annotations
 
+from twin_daemon.effects.actuator_gain import ActuatorGain
+from twin_daemon.effects.actuator_lag import ActuatorLag
+from twin_daemon.effects.actuator_saturation import ActuatorSaturation
+from twin_daemon.effects.armature import Armature
 from twin_daemon.effects.base import Effect
+from twin_daemon.effects.command_delay import CommandDelay
+from twin_daemon.effects.coulomb_friction import CoulombFriction
+from twin_daemon.effects.gravity_tilt import GravityTilt
+from twin_daemon.effects.payload import Payload
+from twin_daemon.effects.rate_limit import RateLimit
+from twin_daemon.effects.sensor_gain import SensorGain
+from twin_daemon.effects.sensor_offset import SensorOffset
+from twin_daemon.effects.spring import Spring
 from twin_daemon.effects.viscous_friction import ViscousFriction
 
-_EFFECTS: tuple[Effect, ...] = (ViscousFriction(),)
+# One parameter before two, what the model has before what it lacks. Effects that rebuild the transmission come
+# last: they divide what the others have written.
+_EFFECTS: tuple[Effect, ...] = (
+    SensorOffset(),
+    SensorGain(),
+    ViscousFriction(),
+    CoulombFriction(),
+    Armature(),
+    Payload(),
+    ActuatorGain(),
+    ActuatorSaturation(),
+    CommandDelay(),
+    ActuatorLag(),
+    RateLimit(),
+    GravityTilt(),
+    Spring(),
+)
 
 LIBRARY: dict[str, Effect] = {effect.key: effect for effect in _EFFECTS}
 """Every effect by its key. The order is the order in which effects are written into a model."""

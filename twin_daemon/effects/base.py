@@ -113,10 +113,10 @@ class Effect(ABC):
     confusable: ClassVar[tuple[str, ...]] = ()
     contains: ClassVar[tuple[str, ...]] = ()
 
-    def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:
+    def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:  # noqa: B027
         """Writes the effect into the MjSpec. Effects of the sensor leave the model as it is."""
 
-    def measure(self, measurement: Measurement, place: Place, values: Mapping[str, float]) -> None:
+    def measure(self, measurement: Measurement, place: Place, values: Mapping[str, float]) -> None:  # noqa: B027
         """Writes the effect into the measurement model. Effects of the mechanics leave it as it is."""
 
     def applies(self, place: Place) -> bool:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from twin_daemon.effects.base import Place
@@ -28,3 +30,26 @@ def add_to_linear(element: Any, attribute: str, amount: float, place: Place) -> 
         current[0] = total
     else:
         setattr(element, attribute, total)
+
+
+def add_joint_tendon(
+    spec: Any, name: str, joints: Mapping[str, float], *, stiffness: float = 0.0, rest: tuple[float, float]
+) -> Any:
+    """A fixed tendon over joints {name: coefficient} with a spring that pulls outside the lengths `rest`, in rad."""
+    tendon = spec.add_tendon(name=name)
+    for joint, coefficient in joints.items():
+        tendon.wrap_joint(joint, coefficient)
+    tendon.stiffness[0] = stiffness
+    # a length of -1 alone would mean "take it from the model" to MuJoCo
+    tendon.springlength = np.array([length + 1e-9 * (length == -1.0) for length in rest])
+    return tendon
+
+
+def require_free_dynamics(actuator: Any, place: Place, effect: str) -> None:
+    """Raises BadInput where the actuator already has a filter: MuJoCo gives an actuator one kind of dynamics."""
+    if actuator.dyntype != mujoco.mjtDyn.mjDYN_NONE:
+        raise BadInput(
+            f"{place.target}: '{effect}' has no room, since the actuator already filters its command",
+            allowed="one of actuator_lag and rate_limit at an actuator",
+            todo="Remove the other one",
+        )

@@ -1,0 +1,33 @@
+"""The servo is stiffer or softer than the model says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
+
+
+class ActuatorGain(Effect):
+    """One factor on everything that the servo answers with: its gain and its bias together."""
+
+    key = "actuator_gain"
+    title = "a weaker (or stronger) servo"
+    acts_on = "actuator"
+    parameters = (Parameter("factor", "1", 0.01, 100.0, 1.0, 0.6, "servo torque over the model's", log=True),)
+    story = Story(
+        what="The servo answers an error with less (or more) torque than it should.",
+        shows="More sag under load, more error at rest from friction, more lag; all by one factor.",
+        cause="A motor that lost magnetisation, a low supply voltage, another controller setting.",
+        remedy="Check the controller's gains and the supply; compare the motor with its neighbour.",
+        excitation="holds under load and steps, at two speeds",
+    )
+    confusable = ("viscous_friction", "spring", "actuator_saturation", "tendon_elasticity", "payload")
+
+    def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:
+        actuator = spec.actuator(place.actuator)
+        actuator.gainprm = actuator.gainprm * values["factor"]
+        actuator.biasprm = actuator.biasprm * values["factor"]
+
+    def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
+        return tuple({"factor": factor} for factor in (0.7, 0.35, 1.5))

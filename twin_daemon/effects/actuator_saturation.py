@@ -1,0 +1,44 @@
+"""The motor cannot pull harder than this."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
+
+_UNLIMITED = 1000.0
+
+
+class ActuatorSaturation(Effect):
+    """A limit on the servo's torque, as `forcerange`; where the model has a smaller one, that one stays."""
+
+    key = "actuator_saturation"
+    title = "the servo runs into a torque limit"
+    acts_on = "actuator"
+    parameters = (
+        Parameter("limit", "N m", 1e-3, _UNLIMITED, _UNLIMITED, 0.15, "largest torque, either way", log=True),
+    )
+    story = Story(
+        what="The servo's torque stops growing with the error.",
+        shows="Fast motion is cut to a constant speed and small errors look healthy; heavy loads are dropped.",
+        cause="A current or torque limit in the driver, a weak supply, a slipping tendon drum.",
+        remedy="Check the driver's current limit and the supply.",
+        excitation="large steps beside slow motion, both with load",
+    )
+    confusable = ("actuator_gain", "rate_limit", "viscous_friction")
+
+    def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:
+        actuator = spec.actuator(place.actuator)
+        low, high = actuator.forcerange
+        if low == high:  # the model has none
+            low, high = -_UNLIMITED, _UNLIMITED
+        limit = values["limit"]
+        actuator.forcerange = np.array([max(low, -limit), min(high, limit)])
+        actuator.forcelimited = True
+
+    def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
+        strongest = min(scale.force_nm, 0.1 * scale.kp)
+        return tuple({"limit": share * strongest} for share in (0.6, 0.25, 0.1))

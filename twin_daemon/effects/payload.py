@@ -1,0 +1,55 @@
+"""A load at the far end of a link: something held, a glove, a sensor that was added."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
+
+_TINY = 1e-9  # kg: a body without mass would be another structure
+_GYRATION_M = 0.005  # the load's own radius of gyration
+
+
+class Payload(Effect):
+    """A point mass on the joint's link, where its next link begins or, on the last link, at its end."""
+
+    key = "payload"
+    title = "a load on the link"
+    acts_on = "joint"
+    parameters = (Parameter("mass", "kg", 0.0, 5.0, 0.0, 0.05, "mass at the far end of the joint's link"),)
+    story = Story(
+        what="Mass that the model does not have: it weighs and it resists acceleration.",
+        shows="The joint and those below it sag with gravity, and overshoot when they stop.",
+        cause="An object in the hand, a glove, a tactile sensor, a tool.",
+        remedy="Enter the load in the model, or take it off.",
+        excitation="holds at angles where gravity pulls differently, and steps",
+    )
+    confusable = ("spring", "gravity_tilt", "armature", "actuator_gain")
+
+    def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:
+        link = spec.joint(place.joint).parent
+        mass = values["mass"] + _TINY
+        carrier, end = far_end(link)
+        load = carrier.add_body(name=f"{place.joint}_payload", pos=end)
+        load.explicitinertial = True
+        load.mass = mass
+        load.ipos = np.zeros(3)  # not the default, which MuJoCo takes for "unknown" and would not save
+        load.inertia = np.full(3, mass * _GYRATION_M**2)
+
+    def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
+        # bends the joint by 10 and by 50 mrad at an arm of 5 cm, within what such hands carry
+        return tuple({"mass": min(sag * scale.kp / (9.81 * 0.05), 0.5)} for sag in (0.01, 0.05))
+
+
+def far_end(link: Any) -> tuple[Any, np.ndarray]:
+    """(body, (3,) m): where a link ends. A knuckle that is one point ends where the link that it carries does."""
+    children = list(link.bodies)
+    away = [np.asarray(child.pos, float) for child in children if np.linalg.norm(child.pos) > 1e-6]
+    if away:
+        return link, np.mean(away, axis=0)
+    if children:
+        return far_end(children[0])
+    return link, 2.0 * np.asarray(link.ipos, float) if link.explicitinertial else np.zeros(3)
