@@ -6,6 +6,7 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
+import zenoh
 
 from bridges import cdr
 from bridges.connection import Connection
@@ -89,9 +90,9 @@ def play(
     states = connection.session.declare_publisher(description.key("joint_states"))
     commands = connection.session.declare_publisher(description.key("joint_commands"))
     deadline_s = time.monotonic() + _LISTENER_WAIT_S
-    while not states.matching_status.matching and time.monotonic() < deadline_s and not stop.wait(0.02):
+    while not _heard(states) and time.monotonic() < deadline_s and not stop.wait(0.02):
         pass
-    played.listened = bool(states.matching_status.matching)
+    played.listened = _heard(states)
     pace, begun_s = Pace(stop), time.monotonic()
     next_ns, elapsed_s, round_number = time.time_ns(), 0.0, 0
     while not stop.is_set() and (loop or round_number == 0):
@@ -115,3 +116,9 @@ def play(
     played.duration_s = time.monotonic() - begun_s
     played.stalls = pace.stalls
     return played
+
+
+def _heard(publisher: zenoh.Publisher) -> bool:
+    """Whether somebody listens. The stubs of the binding call the status a bool; it is an object that holds one."""
+    status = publisher.matching_status
+    return bool(getattr(status, "matching", status))

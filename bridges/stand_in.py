@@ -159,8 +159,23 @@ def easy_motion(hand: Hand, period_s: float = 6.0) -> Trajectory:
     names = [name for name in hand.commands if np.isfinite(hand.command_range_rad[name]).all()]
     columns = []
     for index, name in enumerate(names):
-        low, high = hand.command_range_rad[name]
-        rest = min(max(0.0, low), high)
+        rest, high = _rest_rad(hand, name), hand.command_range_rad[name][1]
         wave = 0.5 * (1.0 - np.cos(2.0 * np.pi * (1 + index % 2) * times_s / period_s))
         columns.append(rest + 0.5 * (high - rest) * wave)
     return Trajectory("easy", tuple(names), times_s, np.stack(columns, axis=1))
+
+
+def holding_the_rest(motion: Trajectory, hand: Hand) -> Trajectory:
+    """The same motion (by command) with every other command held at rest, as a controller of the whole hand does.
+
+    Otherwise those who listen would go on believing targets from before this hand was switched on.
+    """
+    others = [name for name in hand.commands if name not in motion.joints]
+    held = np.array([_rest_rad(hand, name) for name in others])
+    positions = np.column_stack([motion.positions, np.tile(held, (len(motion.times_s), 1))])
+    return Trajectory(motion.name, (*motion.joints, *others), motion.times_s, positions, motion.notes)
+
+
+def _rest_rad(hand: Hand, command: str) -> float:
+    low, high = hand.command_range_rad[command]
+    return min(max(0.0, low), high)

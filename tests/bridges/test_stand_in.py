@@ -12,10 +12,11 @@ import pytest
 
 from bridges.inbox import Inbox
 from bridges.pace import Pace
-from bridges.stand_in import by_command, easy_motion
+from bridges.stand_in import by_command, easy_motion, holding_the_rest
 from bridges.stop import StopSignal, on_termination
 from twin_daemon.daemon.messages import JointSample
 from twin_daemon.hand import load_hand
+from twin_daemon.signals.trajectory import load_trajectory
 
 
 def test_targets_by_joint_become_targets_by_command() -> None:
@@ -69,3 +70,11 @@ def test_a_long_stall_is_not_caught_up() -> None:
     assert pace.lost_s >= 60.0
     assert time.monotonic() - pace.begin_s < 1.0
     stop.close()
+
+
+def test_commands_that_a_motion_does_not_name_are_held_at_rest() -> None:
+    hand = load_hand()
+    motion = holding_the_rest(load_trajectory("index_closing", hand).by_command(hand), hand)
+    assert set(motion.joints) == set(hand.commands)
+    assert np.ptp(motion.positions[:, motion.joints.index("rh_FFJ3")]) > 1.0
+    assert np.ptp(motion.positions[:, motion.joints.index("rh_MFJ3")]) == 0.0

@@ -75,14 +75,14 @@ def command(
 
 def own_motion(hand: Hand, reference: str | None) -> Trajectory | None:
     """What the hand does by itself: the trajectory asked for, else a rich one of its own, else an easy one."""
-    from bridges.stand_in import easy_motion
+    from bridges.stand_in import easy_motion, holding_the_rest
     from twin_daemon.signals.trajectory import load_trajectory
 
     if reference == "none":
         return None
     if reference is not None:
-        return load_trajectory(reference, hand).by_command(hand)
+        return holding_the_rest(load_trajectory(reference, hand).by_command(hand), hand)
     try:
-        return load_trajectory(_USUAL_MOTION, hand).by_command(hand)
+        return holding_the_rest(load_trajectory(_USUAL_MOTION, hand).by_command(hand), hand)
     except BadInput:  # it is another hand's
         return easy_motion(hand)

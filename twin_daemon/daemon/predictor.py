@@ -68,7 +68,7 @@ class Predictor:
     @property
     def targets_rad(self) -> dict[str, float]:
         """The target of each command that was ever given."""
-        return {name: float(self._control[i]) for i, name in enumerate(self.twin.actuators) if self._commanded[i]}
+        return {str(name): float(self._control[i]) for i, name in enumerate(self.twin.actuators) if self._commanded[i]}
 
     def lag_s(self, stamp_ns: int) -> float:
         """How far the model is behind a stamp."""
