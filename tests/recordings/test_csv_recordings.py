@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from twin_daemon.errors import BadInput
 from twin_daemon.recordings import load_joint_map, load_recording
+from twin_daemon.recordings.csv_cells import numbers
 from twin_daemon.recordings.joint_state_csv import split_line
 
 START = 1_678_993_486_702_788_012
@@ -101,6 +102,33 @@ def test_lines_of_any_csv_dialect_are_read(tmp_path: Path) -> None:
     )
     recording = load_recording(path)
     np.testing.assert_array_equal(recording.position, [(1, 2), (3, 4), (5, np.nan)])
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.lists(
+        st.one_of(
+            st.floats().map(repr),
+            st.floats(allow_nan=False, allow_infinity=False).map(lambda value: f"{value:.25g}"),
+            st.integers(-(10**20), 10**20).map(str),
+            st.sampled_from([".5", "1.", "+2", "1e400", "nan", "-inf", " 3 "]),
+        ),
+        min_size=1,
+        max_size=6,
+    ),
+    st.sampled_from(["[{}]", "({})", "({},)", " [ {} ] "]),
+)
+def test_numbers_are_what_python_makes_of_them(written: list[str], form: str) -> None:
+    read = numbers(form.format(", ".join(written)))
+    np.testing.assert_array_equal(np.array(read, dtype=float), [float(text) for text in written])
+
+
+@pytest.mark.parametrize(
+    "cell", ["[true]", "[null, 1]", '["1"]', "[[1]]", "[{}]", "[1", "1, 2", "[1, , 2]", "[1 2]", "{1}"]
+)
+def test_what_is_no_list_of_numbers_is_refused(cell: str) -> None:
+    with pytest.raises(ValueError):
+        numbers(cell)
 
 
 @settings(max_examples=200, deadline=None)

@@ -5,13 +5,16 @@ from __future__ import annotations
 import gzip
 import io
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TextIO
+
+from pydantic_core import from_json
 
 from twin_daemon.errors import BadInput
 
 _MAX_LINE = 4 * 1024 * 1024  # characters; a joint state has a few thousand
+_NOT_NUMBERS = ("t", "f", "n", "N", "I", '"', "[", "{")  # true, false, null, NaN, Infinity, text, lists, objects
 _BRACKETS = {("[", "]"), ("(", ")")}
 
 
@@ -40,7 +43,14 @@ def lines(text: TextIO, path: Path) -> Iterator[str]:
 def numbers(cell: str) -> list[float]:
     """The numbers of "[1, 2.5]" or "(1, 2.5)"; none of an empty cell. Raises ValueError."""
     inner = _inner(cell)
-    return list(map(float, inner.split(","))) if inner else []
+    if not inner:
+        return []
+    # Nearly always such a list is JSON too, whose parser is five times as fast and rounds alike. All that JSON knows
+    # besides numbers contains one of these characters.
+    if not any(mark in inner for mark in _NOT_NUMBERS):
+        with suppress(ValueError):
+            return from_json(f"[{inner}]")
+    return list(map(float, inner.split(",")))
 
 
 def names(cell: str) -> tuple[str, ...]:
