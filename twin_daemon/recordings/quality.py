@@ -31,7 +31,8 @@ class Quality:
     `rate_hz` is the inverse of the median interval, `jitter_s` the standard deviation of the intervals without gaps,
     a gap an interval of more than three usual ones. `messages` is how many were found: it equals `samples` + `merged`
     + the dropped messages. `merged` messages share the stamp of another one and carry other joints, so they became
-    one sample with it. "ahead" is a single stamp from the future, after which the clock went on as before. The kinds in VALUE_KINDS count values (or arrays) left out of messages that were kept.
+    one sample with it. "ahead" is a single stamp from the future, after which the clock went on as before. The kinds
+    in VALUE_KINDS count values (or arrays) left out of messages that were kept.
     """
 
     samples: int
