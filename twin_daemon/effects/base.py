@@ -75,7 +75,10 @@ class Scale:
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of an effect. At `neutral` the effect changes nothing; `default` is a typical visible value."""
+    """One number of an effect. At `neutral` the effect changes nothing; `default` is a typical visible value.
+
+    `held` says that fits leave it as it is set: it counts something, and an error has many hollows over it.
+    """
 
     name: str
     unit: str
@@ -85,6 +88,7 @@ class Parameter:
     default: float
     meaning: str
     log: bool = False
+    held: bool = False
 
 
 @dataclass(frozen=True)

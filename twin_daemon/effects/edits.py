@@ -11,6 +11,8 @@ import numpy as np
 from twin_daemon.effects.base import Place
 from twin_daemon.errors import BadInput
 
+_NO_INPUT = 16  # the signature of `input="none"`
+
 
 def linear(element: Any, attribute: str) -> float:
     """A coefficient of an element, or the linear one where MuJoCo has a polynomial."""
@@ -53,3 +55,30 @@ def require_free_dynamics(actuator: Any, place: Place, effect: str) -> None:
             allowed="one of actuator_lag and rate_limit at an actuator",
             todo="Remove the other one",
         )
+
+
+def servo_stiffness(spec: Any, place: Place) -> float:
+    """Gain of the servo at this place in N m/rad; 1 where nothing drives it."""
+    if place.actuator is None:
+        return 1.0
+    return abs(float(spec.actuator(place.actuator).biasprm[1])) or 1.0
+
+
+def add_passive_motor(spec: Any, name: str, kind: Any, target: str) -> Any:
+    """A `dcmotor` without inputs and without an electrical side: it only carries LuGre friction or cogging."""
+    motor = spec.add_actuator(name=name, trntype=kind, target=target)
+    motor.dyntype = mujoco.mjtDyn.mjDYN_DCMOTOR
+    motor.gaintype = mujoco.mjtGain.mjGAIN_DCMOTOR
+    motor.biastype = mujoco.mjtBias.mjBIAS_DCMOTOR
+    motor.ctrlspec = _NO_INPUT
+    motor.gainprm = np.array([1.0, *np.zeros(9)])  # resistance 1, motor constant 0
+    motor.dynprm = np.zeros(10)
+    motor.biasprm = np.zeros(10)
+    motor.actdim = 0
+    motor.actearly = True
+    return motor
+
+
+def stable_stiffness(spec: Any, place: Place) -> float:
+    """The stiffest spring in N m/rad at a joint that an explicit step bears with a margin, from its armature."""
+    return 0.25 * max(float(spec.joint(place.joint).armature), 2e-5) / float(spec.option.timestep) ** 2

@@ -8,7 +8,7 @@ from typing import Any
 from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
 from twin_daemon.effects.edits import add_joint_tendon
 
-_SLACK = 1e-6  # N m/rad: the weakest spring that can still hold a preload; a torque of a few uN m
+_SLACK = 1e-8  # N m/rad: the weakest spring that can still hold a preload
 
 
 class Spring(Effect):

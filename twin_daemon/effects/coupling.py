@@ -1,0 +1,99 @@
+"""How the two joints of an underactuated finger share one tendon."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
+from twin_daemon.effects.edits import add_joint_tendon, add_to_linear, servo_stiffness
+
+_SLACK = 1e-8  # N m/rad: the weakest spring that can still hold a preload
+_CLEARANCE = 1e-3  # rad: the joint's own soft end gives way by less, so that a stop at 0 is not felt
+_FAR = 10.0
+
+
+class Coupling(Effect):
+    """The tendon sets the sum; who moves first is decided by what resists at either joint.
+
+    Springs, preload and stops that move with the other joint are fixed tendons, friction is `frictionloss`.
+    The distal joint (J1) is the one whose body hangs on the other's. Stops are springs of five times the servo.
+    """
+
+    key = "coupling"
+    title = "the split of one tendon between two joints"
+    acts_on = "tendon"
+    parameters = (
+        Parameter("preload", "N m", -2.0, 2.0, 0.0, 0.12, "torque that holds the distal joint open"),
+        Parameter("spring_distal", "N m/rad", 0.0, 5.0, 0.0, 0.035, "spring that opens the distal joint"),
+        Parameter("spring_proximal", "N m/rad", 0.0, 5.0, 0.0, 0.055, "spring that opens the proximal joint"),
+        Parameter("friction_distal", "N m", 0.0, 2.0, 0.0, 0.03, "dry friction of the distal joint beside the model's"),
+        Parameter("friction_tendon", "N m", 0.0, 2.0, 0.0, 0.08, "dry friction along the tendon"),
+        Parameter("stop", "rad", 0.5, 3.0, 3.0, 1.52, "end of the proximal joint while the distal one is open"),
+        Parameter("stop_slope", "1", -0.5, 0.5, 0.0, 0.03, "how far that end moves by radian of the distal joint"),
+        Parameter("rest_slope", "1", 0.0, 0.5, 0.0, 0.025, "how far the proximal joint takes the distal one along"),
+    )
+    story = Story(
+        what="One motor pulls one tendon across two joints, and springs, friction and stops decide which one moves.",
+        shows="Closing, the proximal joint goes first; opening, the distal one; their sum follows the command.",
+        cause="The design of the finger; wear and pretension change the figures.",
+        remedy="None is due; a changed split points to the finger's return springs and tendon.",
+        excitation="closing and opening fully and half way, at two speeds, with reversals on the way back",
+    )
+    confusable = ("spring", "coulomb_friction", "joint_stop")
+    contains = ("spring", "coulomb_friction")
+
+    def applies(self, place: Place) -> bool:
+        return super().applies(place) and len(place.driven) == 2
+
+    def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:
+        proximal, distal = proximal_and_distal(spec, place)
+        stiffness = values["spring_distal"] + _SLACK
+        rest = -values["preload"] / stiffness
+        add_joint_tendon(spec, f"{distal}_return", {distal: 1.0}, stiffness=stiffness, rest=(rest, rest))
+        add_joint_tendon(
+            spec, f"{proximal}_return", {proximal: 1.0}, stiffness=values["spring_proximal"], rest=(0.0, 0.0)
+        )
+        add_to_linear(spec.joint(distal), "frictionloss", values["friction_distal"], place)
+        add_to_linear(spec.tendon(place.tendon), "frictionloss", values["friction_tendon"], place)
+        stop = 5.0 * servo_stiffness(spec, place)
+        add_joint_tendon(
+            spec,
+            f"{proximal}_end",
+            {proximal: 1.0, distal: -values["stop_slope"]},
+            stiffness=stop,
+            rest=(-_FAR, values["stop"]),
+        )
+        end = spec.joint(distal).range
+        open_angle = end[0] if end[0] < end[1] else -_FAR
+        add_joint_tendon(
+            spec,
+            f"{distal}_rest",
+            {distal: 1.0, proximal: -values["rest_slope"]},
+            stiffness=stop,
+            rest=(open_angle - _CLEARANCE, _FAR),
+        )
+
+    def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
+        unit = scale.kp / 10.0
+        calm = self.neutral()
+        springs = {"preload": 0.12 * unit, "spring_distal": 0.035 * unit, "spring_proximal": 0.055 * unit}
+        friction = {"friction_distal": 0.03 * unit, "friction_tendon": 0.08 * unit}
+        return (
+            {**calm, **springs},
+            {**calm, **springs, **friction},
+            {**calm, **springs, **friction, "stop": 0.5 * scale.upper - 0.03, "stop_slope": 0.03, "rest_slope": 0.025},
+            {**calm, "preload": 0.4 * unit},
+            {**calm, "preload": -0.12 * unit, "spring_proximal": 0.05 * unit},
+        )
+
+
+def proximal_and_distal(spec: Any, place: Place) -> tuple[str, str]:
+    """(proximal, distal) MJCF joint of an actuator that drives two: the distal one's body hangs on the other's."""
+    first, second = place.driven
+    body = spec.joint(first).parent
+    above = set()
+    while body is not None:
+        above.add(body.name)
+        body = body.parent
+    return (second, first) if spec.joint(second).parent.name in above else (first, second)

@@ -1,0 +1,50 @@
+"""Friction that is highest at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
+from twin_daemon.effects.edits import add_passive_motor, servo_stiffness, stable_stiffness
+
+_FLOOR = 1e-9  # N m: LuGre divides by its friction
+
+
+class StribeckFriction(Effect):
+    """Breakaway friction beside the model's own, as breakaway * exp(-(speed / velocity)^2).
+
+    The LuGre law (Canudas de Wit et al. 1995) of a `dcmotor` without input, whose bristle MuJoCo integrates
+    exactly. Bristles give way by breakaway / stiffness before they slip, a fraction of a milliradian.
+    """
+
+    key = "stribeck_friction"
+    title = "friction that is highest at rest (stick-slip)"
+    acts_on = "joint"
+    parameters = (
+        Parameter("breakaway", "N m", 0.0, 5.0, 0.0, 0.1, "friction at rest beside the model's own"),
+        Parameter("velocity", "rad/s", 1e-3, 100.0, 0.1, 0.1, "speed at which a third of it is left", log=True),
+    )
+    story = Story(
+        what="Dry friction that holds at rest and lets go once the joint moves.",
+        shows="The joint sticks, jumps and sticks again in slow motion; fast motion is healthy.",
+        cause="Lubricant that is squeezed out at rest, a worn seal, a tendon that sticks in its sheath.",
+        remedy="Clean and grease; renew the seal or the sheath.",
+        excitation="very slow motion beside fast motion, and starts from rest",
+    )
+    confusable = ("coulomb_friction", "hysteresis", "load_friction", "backlash")
+    contains = ("coulomb_friction",)
+
+    def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:
+        stiffness = min(10.0 * servo_stiffness(spec, place), stable_stiffness(spec, place))
+        motor = add_passive_motor(spec, f"{place.joint}_stribeck", mujoco.mjtTrn.mjTRN_JOINT, place.joint)
+        motor.biasprm = np.array([0, 0, 0, _FLOOR, _FLOOR + values["breakaway"], values["velocity"], *np.zeros(4)])
+        motor.dynprm = np.array([0, 0, 0, 0, 0, stiffness, 0, 0, 0, 0], float)
+        motor.actdim = 1
+
+    def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
+        weak = 0.005 * scale.kp
+        return tuple({"breakaway": b, "velocity": v} for b in (weak, 4.0 * weak) for v in (0.03, 0.3))
