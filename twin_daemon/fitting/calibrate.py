@@ -15,13 +15,14 @@ from twin_daemon.fitting.knobs import Knob
 from twin_daemon.fitting.problem import Problem
 from twin_daemon.fitting.reduce import SubProblem, reduced_problems
 from twin_daemon.fitting.searches import SEARCHES
+from twin_daemon.fitting.searches.least_squares import descend
 from twin_daemon.fitting.spaces import Space, knobs_of, objective_of
 from twin_daemon.fitting.tracker import Progress, Tracker
 from twin_daemon.simulation.alignment import Aligned, model_onset
 from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
 
-_ROUNDS = 2  # the onset depends on the parameters and they on it: fit, align anew, fit
+_POLISH = "polish"  # the onset depends on the parameters and they on it: fit, align anew, polish
 
 
 @dataclass(frozen=True)
@@ -83,16 +84,16 @@ def calibrate(
     before = error(start, train, objective)
     holdout_before = error(start, holdout, objective) if holdout else None
 
-    rounds = _ROUNDS if any(r.onset_free for r in train) else 1
+    again = search == "least-squares" and any(r.onset_free for r in train)
     history: list[float] = []
     units: dict[str, float] = {}
     interrupted = False
     current, problems = start, []
-    for _ in range(rounds):
+    for step in (search, _POLISH) if again else (search,):
         aligned = [r.with_onset(model_onset(current, r)) if r.onset_free else r for r in train]
         problems = reduced_problems(start, aligned, knobs, objective, separable=search == "least-squares")
         try:
-            units = _run(problems, search, budget, seed, progress, history, units)
+            units = _run(problems, step, budget, seed, progress, history, units)
         except _Interrupted as stop:
             units, interrupted = stop.units, True
         found = {name: value for p in problems for name, value in p.parameters(units).items()}
@@ -132,6 +133,9 @@ def error(twin: TwinModel, recordings: Sequence[Aligned], objective: Sequence[st
     return float(np.mean(values))
 
 
+_POLISH_ITERATIONS = 10
+
+
 class _Interrupted(Exception):
     def __init__(self, units: dict[str, float]) -> None:
         self.units = units
@@ -163,7 +167,10 @@ def _run(
         tracker = Tracker(problem, report)
         stopped = False
         try:
-            SEARCHES[search](tracker, share, seed)
+            if search == _POLISH:
+                descend(tracker, problem.start, _POLISH_ITERATIONS)
+            else:
+                SEARCHES[search](tracker, share, seed)
         except KeyboardInterrupt:
             stopped = True
         if np.isfinite(tracker.best_mse):

@@ -11,7 +11,7 @@ import numpy as np
 from twin_daemon.fitting.knobs import Knob
 from twin_daemon.fitting.problem import Problem
 from twin_daemon.simulation.alignment import Aligned
-from twin_daemon.simulation.submodel import Part, parts, submodel
+from twin_daemon.simulation.submodel import parts, submodel
 from twin_daemon.simulation.twin import TwinModel
 
 _CONTACT_POSES = 60
@@ -47,20 +47,27 @@ def reduced_problems(
     if not split:
         needed = set(objective) | {j for k in knobs for j in k.joints}
         chosen = [p for p in found if needed & set(p.joints)]
-        keep = tuple(n for n in twin.joints if any(n in p.joints or n in p.trunk for p in chosen))
+        members = {n for p in chosen for n in (*p.joints, *p.trunk)}
+        keep = _needed(twin, recordings, members, needed)
         return [_sub(twin, recordings, knobs, objective, keep, contacts, 1.0)]
     out = []
     for part, own in groups:
         joints = [j for j in objective if j in part.joints]
         if own and joints:
-            keep = (*part.joints, *_moving_trunk(part, twin, recordings))
-            ordered = tuple(n for n in twin.joints if n in keep)
-            out.append(_sub(twin, recordings, own, joints, ordered, contacts, len(joints) / len(objective)))
+            needed = {*joints, *(j for k in own for j in k.joints)}
+            keep = _needed(twin, recordings, {*part.joints, *part.trunk}, needed)
+            out.append(_sub(twin, recordings, own, joints, keep, contacts, len(joints) / len(objective)))
     return out
 
 
-def _moving_trunk(part: Part, twin: TwinModel, recordings: Sequence[Aligned]) -> list[str]:
-    return [n for n in part.trunk if any(r.moving[twin.joints.index(n)] for r in recordings)]
+def _needed(twin: TwinModel, recordings: Sequence[Aligned], members: set[str], needed: set[str]) -> tuple[str, ...]:
+    """Of some members, the joints that move, are fitted, or share an actuator with one that is; in the twin's order."""
+    keep = {n for n in members if n in needed or any(r.moving[twin.joints.index(n)] for r in recordings)}
+    for row in twin.drive:
+        coupled = {twin.joints[j] for j in np.flatnonzero(row)}
+        if coupled & keep:
+            keep |= coupled
+    return tuple(n for n in twin.joints if n in keep)
 
 
 def _sub(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -28,6 +29,7 @@ class SpaceEntry(BaseModel):
     lower: float | None = None
     upper: float | None = None
     within: float | None = Field(default=None, gt=0, description="+- this fraction of the start, instead of bounds")
+    reach: float | None = Field(default=None, gt=0, description="+- this much of the start, in the kind's unit")
     start: float | None = Field(default=None, description="instead of the model's own value")
 
 
@@ -107,11 +109,17 @@ def _members(
             names = [n for n in names if twin.place(n).tendon is not None]
         if kind.element in ("joint", "tendon") and item in groups:
             names = [n for n in names if n in moving]
+        if kind.key in ("range_lower", "range_upper"):
+            names = [n for n in names if twin.base_model.joint(twin.place(n).joint).id in _limited(twin)]
         if entry.share:
             out.append((f"{item}.{kind.key}", [f"{n}.{kind.key}" for n in names]))
         else:
             out.extend((f"{n}.{kind.key}", [f"{n}.{kind.key}"]) for n in names)
     return out
+
+
+def _limited(twin: TwinModel) -> set[int]:
+    return set(map(int, np.flatnonzero(twin.base_model.jnt_limited)))
 
 
 def _moved_bodies(twin: TwinModel, moving: tuple[str, ...]) -> list[str]:
@@ -127,11 +135,11 @@ def _knob(
     start = current if entry.start is None else entry.start
     lower = kind.lower if entry.lower is None else entry.lower
     upper = kind.upper if entry.upper is None else entry.upper
-    if entry.within is not None:
-        reach = entry.within * abs(start)
-        lower, upper = start - reach, start + reach
-        if lower == upper:
+    if entry.within is not None or entry.reach is not None:
+        reach = entry.reach if entry.within is None else entry.within * abs(start)
+        if not reach:
             raise BadInput(f"space '{space}': {label} starts at 0, so +-{entry.within:.0%} of it is nothing")
+        lower, upper = start - reach, start + reach
         # a box around a positive parameter may not reach below zero: such friction does not exist
         lower, upper = max(lower, kind.lower), min(upper, kind.upper)
     if not kind.lower <= lower < upper <= kind.upper:
@@ -148,7 +156,7 @@ def _knob(
         lower=lower,
         upper=upper,
         start=float(min(max(start, lower), upper)),
-        log=kind.log and lower > 0 and entry.within is None,
+        log=kind.log and lower > 0 and entry.within is None and entry.reach is None,
         writes=tuple(("parameter", name) for name in members),
         joints=joints,
     )

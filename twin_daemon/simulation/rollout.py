@@ -34,12 +34,15 @@ def roll_out(
     """Positions of every simulation, (B, T + 1, nq), the initial state first.
 
     `models` has B models of the same sizes, or one for all. `controls` is (B or 1, T, nu): row k is applied
-    during step k. `qpos` is (B or 1, nq), `qvel` (B or 1, nv), zero where not given. Delay buffers start full
+    during step k; actuators beyond its columns get 0. `qpos` is (B or 1, nq), `qvel` (B or 1, nv), zero where not given. Delay buffers start full
     of the first control, as if the hand had been told so for ever. From the step at which MuJoCo warns
     (a state that is not finite or diverges) a simulation's positions are NaN.
     """
     count = max(len(models), len(controls), len(qpos))
     first = models[0]
+    extra = first.nu - controls.shape[2]
+    if extra:  # actuators that stand for an effect take no command
+        controls = np.concatenate([controls, np.zeros((*controls.shape[:2], extra))], axis=2)
     steps = controls.shape[1]
     bytes_each = 8 * steps * (first.nu + first.nq)
     chunk = max(1, min(count, _CHUNK_BYTES // max(bytes_each, 1)))

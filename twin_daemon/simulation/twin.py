@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from twin_daemon.effects import LIBRARY
-from twin_daemon.effects.base import Measurement, Place, motor_joint
+from twin_daemon.effects.base import Measurement, Place, Scale, motor_joint
 from twin_daemon.errors import BadInput, nearest
 from twin_daemon.hand.description import Hand
 from twin_daemon.hand.naming import match
@@ -144,6 +144,32 @@ class TwinModel:
             tendon = model.tendon(int(model.actuator_trnid[actuator, 0])).name
         driven = tuple(model.joint(j).name for j, _ in driven_joints(model, actuator))
         return Place(name, joint, model.actuator(actuator).name, self.actuators[actuator], tendon, driven)
+
+    def scale(self, target: str) -> Scale:
+        """How strong things are at a place of the parametrised model, for effects to start from."""
+        place, model = self.place(target), self.base_model
+        actuator = model.actuator(place.actuator).id if place.actuator else None
+        names = list(place.driven) or [place.joint]
+        joints = [model.joint(name).id for name in ([place.joint] if place.joint else names) if name]
+        dofs = [int(model.jnt_dofadr[joint]) for joint in joints]
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        mass = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, mass)
+        kp = float(model.actuator_gainprm[actuator, 0]) if actuator is not None else 1.0
+        limited = actuator is not None and model.actuator_forcelimited[actuator]
+        force = float(model.actuator_forcerange[actuator, 1]) if limited else 0.1 * kp
+        low, high = (model.jnt_range[joints].sum(axis=0) if joints else (-np.pi, np.pi))
+        return Scale(
+            kp=kp,
+            force_nm=force,
+            damping=float(model.dof_damping[dofs].max(initial=1e-3)),
+            frictionloss=float(model.dof_frictionloss[dofs].max(initial=1e-3)),
+            inertia=float(np.diag(mass)[dofs].max(initial=1e-6)),
+            lower=float(low),
+            upper=float(high),
+            step_s=float(model.opt.timestep),
+        )
 
     # -- parameters ----------------------------------------------------------------------------------------
 

@@ -14,7 +14,7 @@ from scipy.stats import qmc
 
 from twin_daemon.fitting.tracker import Tracker
 
-_STARTS = 4
+_STARTS = 3
 _SAMPLES = 64
 _ITERATIONS = 40
 _ROUGH_ITERATIONS = 6
@@ -38,7 +38,7 @@ def least_squares(tracker: Tracker, budget: int | None, seed: int) -> None:
         if len(tracker.history) < limit:
             ends.append(descend(tracker, point, _ROUGH_ITERATIONS, limit))
     ends.sort(key=lambda end: end[1])
-    for point, _ in ends[:2]:
+    for point, _ in ends[:1]:
         if len(tracker.history) < limit:
             descend(tracker, point, _ITERATIONS, limit)
 
