@@ -36,8 +36,13 @@ class TwinError(Exception):
             parts.append(f"Allowed: {self.allowed}")
         if self.todo:
             parts.append(self.todo)
-        text = ". ".join(part.strip().rstrip(".") for part in parts) + "."
+        text = " ".join(_sentence(part) for part in parts)
         return " ".join(text.split())
+
+
+def _sentence(part: str) -> str:
+    text = part.strip().rstrip(".")
+    return text if text.endswith(("?", "!")) else f"{text}."
 
 
 class UsageError(TwinError):

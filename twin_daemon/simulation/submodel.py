@@ -100,12 +100,9 @@ def submodel(twin: TwinModel, keep: tuple[str, ...], position: np.ndarray, *, co
         if name not in keep:
             angle = float(position[index]) if np.isfinite(position[index]) else 0.0
             _weld(spec, joints[name], angle)
-    for body in _loose_bodies(model, kept):
-        found = spec.body(body)
-        if found is not None:
-            spec.delete(found)
     if not contacts:
         _strip(spec, twin.base_model)
+        spec.compiler.fusestatic = True
     description = twin.hand.description
     smaller = description.model_copy(update={"joints": {n: description.joints[n] for n in twin.joints if n in keep}})
     reduced = TwinModel(Hand(smaller, twin.hand.model_path), spec, Terms())
@@ -124,10 +121,6 @@ def _delete_actuators(spec: Any, twin: TwinModel, kept: set[str]) -> None:
             spec.delete(spec.actuator(base.actuator(index).name))
     for sensor in list(spec.sensors):
         spec.delete(sensor)
-    for exclude in list(spec.excludes):
-        spec.delete(exclude)
-    for pair in list(spec.pairs):
-        spec.delete(pair)
 
 
 def _delete_tendons(spec: Any, kept: set[str]) -> None:
@@ -159,23 +152,8 @@ def _weld(spec: Any, joint_name: str, angle: float) -> None:
     spec.delete(joint)
 
 
-def _loose_bodies(model: mujoco.MjModel, kept: set[str]) -> list[str]:
-    """Topmost bodies whose subtree carries no kept joint and that stand on one: they weigh, so they stay;
-    those that stand on nothing kept are scenery for this part and go."""
-    needed: set[int] = set()
-    for name in kept:
-        needed |= _ancestors(model, int(model.joint(name).bodyid[0]))
-    carriers = {int(model.joint(name).bodyid[0]) for name in kept}
-    loose = []
-    for body in range(1, model.nbody):
-        above = _ancestors(model, body)
-        if body not in needed and not (above & carriers) and int(model.body_parentid[body]) in needed | {0}:
-            loose.append(model.body(body).name)
-    return [name for name in loose if name]
-
-
 def _strip(spec: Any, model: mujoco.MjModel) -> None:
     for body in spec.bodies[1:]:
         make_inertia_explicit(body, model.body(body.name))
-    for element in [*spec.geoms, *spec.meshes, *spec.cameras, *spec.lights, *spec.materials, *spec.textures]:
+    for element in [*spec.excludes, *spec.pairs, *spec.geoms, *spec.meshes, *spec.cameras, *spec.lights, *spec.materials, *spec.textures]:
         spec.delete(element)

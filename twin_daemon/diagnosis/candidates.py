@@ -1,0 +1,91 @@
+"""The candidates of one part: every effect at every place where it can act."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from twin_daemon.diagnosis.nuisances import OWN
+from twin_daemon.effects import LIBRARY
+from twin_daemon.effects.base import Effect, Parameter
+from twin_daemon.fitting.knobs import Knob
+from twin_daemon.simulation.terms import EffectTerm
+from twin_daemon.simulation.twin import TwinModel
+
+_WIDER = 10.0  # a fit may go this much further than the starts
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One effect at one place with the values to start from."""
+
+    effect: Effect
+    target: str
+    starts: tuple[dict[str, float], ...]
+
+    @property
+    def name(self) -> str:
+        return f"{self.effect.key}:{self.target}"
+
+    def term(self, values: dict[str, float]) -> EffectTerm:
+        return EffectTerm(effect=self.effect.key, target=self.target, values=values)
+
+    def knobs(self, start: dict[str, float]) -> tuple[Knob, ...]:
+        """The effect's parameters as knobs that start at these values, in a box of the size of its starts."""
+        complete = self.effect.complete(start)
+        knobs = []
+        for p in self.effect.parameters:
+            lower, upper = self._box(p)
+            if lower < upper:
+                knobs.append(
+                    Knob(
+                        name=f"{self.name}.{p.name}",
+                        unit=p.unit,
+                        lower=lower,
+                        upper=upper,
+                        start=float(min(max(complete[p.name], lower), upper)),
+                        log=p.log and lower > 0,
+                        writes=(("effect", self.name, p.name),),
+                    )
+                )
+        return tuple(knobs)
+
+    def _box(self, p: Parameter) -> tuple[float, float]:
+        values = [start[p.name] for start in self.starts]
+        if p.log and p.lower > 0:
+            return max(p.lower, min(values) / _WIDER), min(p.upper, max(values) * _WIDER)
+        above = max(max(v - p.neutral for v in values), 0.0) * _WIDER
+        # a model's own friction can be taken away once, not thirty times
+        below = max(max(p.neutral - v for v in values), 0.0) * (1.9 if self.effect.key in OWN else _WIDER)
+        return max(p.lower, p.neutral - below), min(p.upper, p.neutral + above)
+
+    def sensible(self) -> bool:
+        """Whether the effect has anything to fit here."""
+        return bool(self.starts) and bool(self.knobs(self.starts[0]))
+
+    def speaks_for(self, twin: TwinModel) -> set[str]:
+        """Names of the nuisances that this candidate itself moves."""
+        kind = OWN.get(self.effect.key)
+        return set() if kind is None else {f"{self.target}.{kind}"}
+
+    def holds_offset(self) -> set[str]:
+        """Joints whose reading's offset this candidate speaks for."""
+        return {self.target} if self.effect.key == "sensor_offset" else set()
+
+
+def hypotheses(twin: TwinModel, joints: Sequence[str], *, whole_hand: bool) -> list[Hypothesis]:
+    """All effects at the given joints and their servos, without those that the twin already has."""
+    driving = [a for a, row in zip(twin.actuators, twin.drive, strict=True)
+               if any(row[twin.joints.index(j)] for j in joints)]  # fmt: skip
+    targets = list(dict.fromkeys([*joints, *driving, *(["hand"] if whole_hand else [])]))
+    present = {(t.effect, t.target) for t in twin.terms.effects}
+    found = []
+    for effect in LIBRARY.values():
+        for target in targets:
+            if (effect.key, target) in present or not effect.applies(twin.place(target)):
+                continue
+            starts = effect.starts(twin.scale(target if target != "hand" else joints[0]))
+            hypothesis = Hypothesis(effect, target, tuple(effect.complete(s) for s in starts))
+            if hypothesis.sensible():
+                found.append(hypothesis)
+    return found

@@ -1,0 +1,271 @@
+"""The diagnosis: part by part, from the residual to a named cause, or to the plain word that there is none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from twin_daemon.diagnosis.candidates import Hypothesis, hypotheses
+from twin_daemon.diagnosis.gate import ADEQUATE, HeldOut, judge
+from twin_daemon.diagnosis.partfit import Fit, PartFit, knob_interval, unit_sigmas
+from twin_daemon.diagnosis.verdict import Diagnosis, Finding, FittedValue, Trial, VerdictName
+from twin_daemon.diagnosis.where import where_it_fails
+from twin_daemon.fitting.reduce import restricted, touching
+from twin_daemon.simulation.alignment import Aligned
+from twin_daemon.simulation.submodel import parts, submodel
+from twin_daemon.simulation.twin import TwinModel
+
+QUIET_CHI_SQUARE = 1.6
+"""The residual over its floor up to which there is nothing to explain."""
+
+STRAINED_SIGMA = 4.0
+"""A nuisance this far from its prior is no nuisance: something moves it."""
+
+DECISIVE_NATS = 5.0
+"""Evidence between two candidates below which the data do not choose (odds of 150 to 1)."""
+
+_MOST_EFFECTS = 3
+_REFITTED = 10
+_ITERATIONS = 8
+
+Stream = Callable[[str], None]
+"""Called with one line whenever a candidate has been judged."""
+
+
+@dataclass
+class _Outcome:
+    """What one part said. `left` is the adequacy on held-out motion after the accepted findings."""
+
+    name: str
+    joints: tuple[str, ...]
+    chi_square: float
+    strained: dict[str, float]
+    accepted: list[tuple[PartFit, Fit, HeldOut, tuple[str, ...]]] = field(default_factory=list)
+    tried: list[Trial] = field(default_factory=list)
+    rivals: tuple[str, ...] = ()
+    left: float = 0.0
+    quiet: bool = False
+
+
+def diagnose(
+    twin: TwinModel,
+    train: Sequence[Aligned],
+    holdout: Sequence[Aligned],
+    *,
+    joints: Sequence[str] | None = None,
+    seed: int = 0,
+    stream: Stream | None = None,
+    most_effects: int = _MOST_EFFECTS,
+) -> Diagnosis:
+    """Which physical effects the twin lacks, on the evidence of `train`, gated by `holdout`.
+
+    Ctrl-C ends the search; what has been found until then is in the answer.
+    """
+    say = stream or (lambda _: None)
+    moving = [n for i, n in enumerate(twin.joints) if any(r.moving[i] for r in train) and (not joints or n in joints)]
+    if not moving:
+        return _nothing_moves(joints)
+    contacts = any(touching(twin, r) for r in [*train, *holdout])
+    outcomes: list[_Outcome] = []
+    interrupted = False
+    accepted_terms = twin.terms
+    try:
+        fits = []
+        for part in parts(twin):
+            own = [n for n in moving if n in part.joints]
+            if own:
+                fits.append((_part(twin, train, own, part, contacts), part))
+        fits.sort(key=lambda item: -item[0].base.chi_square)
+        for fit, part in fits:
+            if accepted_terms is not twin.terms:
+                # an effect of the whole hand has been found in another part: look at this one with it
+                fit = _part(twin.changed(accepted_terms), train, list(fit.joints), part, contacts)
+            outcome = _search(fit, part.name, holdout, seed, say, most_effects)
+            outcomes.append(outcome)
+            for _, found, _, _ in outcome.accepted:
+                if found.hypothesis is not None and found.hypothesis.target == "hand":
+                    accepted_terms = accepted_terms.with_effect(found.hypothesis.term(found.values))
+    except KeyboardInterrupt:
+        interrupted = True
+    return _conclude(twin, train, outcomes, interrupted)
+
+
+def _part(twin: TwinModel, recordings: Sequence[Aligned], own: list[str], part: Any, contacts: bool) -> PartFit:
+    trunk = [n for n in part.trunk if any(r.moving[twin.joints.index(n)] for r in recordings)]
+    coupled = {twin.joints[j] for row in twin.drive for j in np.flatnonzero(row)
+               if {twin.joints[i] for i in np.flatnonzero(row)} & set(own)}  # fmt: skip
+    keep = tuple(n for n in twin.joints if n in own or n in trunk or n in coupled)
+    small = submodel(twin, keep, recordings[0].start_position, contacts=contacts)
+    return PartFit(small, [restricted(r, small.joints) for r in recordings], own)
+
+
+def _search(
+    part: PartFit, name: str, holdout: Sequence[Aligned], seed: int, say: Stream, most_effects: int
+) -> _Outcome:
+    held = [restricted(r, part.twin.joints) for r in holdout]
+    strained = {n: s for n, s in part.strained(part.base).items() if abs(s) > STRAINED_SIGMA}
+    outcome = _Outcome(name, part.joints, part.base.chi_square, strained)
+    base = judge(part, part.base, held, seed=seed)
+    outcome.left = base.adequacy
+    say(f"{name}: {part.base.chi_square:.1f} times the floor with the nominal parameters' uncertainty taken out")
+    if part.base.chi_square <= QUIET_CHI_SQUARE and not strained:
+        outcome.quiet = True
+        return outcome
+    for _ in range(most_effects):
+        step = _step(part, held, seed, say, outcome)
+        if step is None:
+            break
+        fit, judged, rivals = step
+        outcome.accepted.append((part, fit, judged, rivals))
+        outcome.left = judged.adequacy
+        hypothesis = fit.hypothesis
+        assert hypothesis is not None
+        richer = part.twin.changed(part.twin.terms.with_effect(hypothesis.term(fit.values)))
+        settled = PartFit(richer, part.recordings, part.joints)
+        if judged.adequate and not _still_strained(settled):
+            outcome.rivals = rivals
+            break
+        part = settled
+    return outcome
+
+
+def _still_strained(part: PartFit) -> bool:
+    return any(abs(s) > STRAINED_SIGMA for s in part.strained(part.base).values())
+
+
+def _step(
+    part: PartFit, held: Sequence[Aligned], seed: int, say: Stream, outcome: _Outcome
+) -> tuple[Fit, HeldOut, tuple[str, ...]] | None:
+    """One more effect for a part: the best candidate that passes the gate, and what it cannot be told from."""
+    screened: list[tuple[float, Hypothesis, dict[str, float]]] = []
+    for hypothesis in hypotheses(part.twin, part.joints, whole_hand=True):
+        gain, start = part.screen(hypothesis)
+        screened.append((gain, hypothesis, start))
+    screened.sort(key=lambda item: -item[0])
+    chosen = [item for item in screened[:_REFITTED] if item[0] > DECISIVE_NATS]
+    for gain, hypothesis, _ in screened[len(chosen) :]:
+        outcome.tried.append(Trial(hypothesis.effect.key, hypothesis.target, gain / 2.0, None, None,
+                                   "takes too little of the error away to be worth a fit"))  # fmt: skip
+    fits: list[tuple[float, Fit]] = []
+    for _, hypothesis, start in chosen:
+        fit = part.refit(hypothesis, start, _ITERATIONS)
+        evidence = part.evidence(fit)
+        fits.append((evidence, fit))
+        say(f"  {hypothesis.name}: evidence {evidence:.0f} nats, {fit.chi_square:.1f} times the floor")
+    fits.sort(key=lambda item: -item[0])
+    best: tuple[Fit, HeldOut] | None = None
+    rivals: list[str] = []
+    best_evidence = 0.0
+    for evidence, fit in fits:
+        judged = judge(part, fit, held, seed=seed)
+        hypothesis = fit.hypothesis
+        assert hypothesis is not None
+        mse = float(np.mean([(r**2).mean() for r in fit.problem.joint_residuals(fit.point[None])]))
+        reason = None
+        if evidence <= DECISIVE_NATS:
+            reason = "adds less evidence than its parameters cost"
+        elif not judged.passes:
+            reason = f"does not help on held-out motion (gain {judged.gain:.0%}, interval reaches below 0)"
+        elif best is None:
+            best, best_evidence = (fit, judged), evidence
+            continue
+        elif best_evidence - evidence < DECISIVE_NATS and (judged.adequate or not best[1].adequate):
+            rivals.append(hypothesis.name)
+            reason = "the data do not tell it from the best candidate"
+        else:
+            reason = f"explains less: {best_evidence - evidence:.0f} nats behind"
+        outcome.tried.append(Trial(hypothesis.effect.key, hypothesis.target, evidence, mse, judged.mse_after, reason))
+    if best is None:
+        return None
+    return (*best, tuple(rivals))
+
+
+# -- the answer --------------------------------------------------------------------------------------------
+
+
+def _nothing_moves(joints: Sequence[str] | None) -> Diagnosis:
+    which = ", ".join(joints) if joints else "no joint"
+    reason = f"{which} moves by more than 0.05 rad: record a motion with steps, two speeds, small reversals and holds"
+    return Diagnosis("not_excited", reason, (), (), (), {})
+
+
+def _conclude(
+    twin: TwinModel, train: Sequence[Aligned], outcomes: Sequence[_Outcome], interrupted: bool
+) -> Diagnosis:
+    findings = [_finding(*item) for outcome in outcomes for item in outcome.accepted]
+    findings.sort(key=lambda f: -f.evidence)
+    loud = [o for o in outcomes if not o.quiet]
+    unexplained = [o for o in loud if o.left > ADEQUATE]
+    unsettled = [o for o in loud if o.left <= ADEQUATE and not o.accepted and o.chi_square > QUIET_CHI_SQUARE]
+    ambiguous = [f for f in findings if f.confusable_with]
+    verdict: VerdictName
+    if not loud:
+        verdict, reason = "within_noise", "what is left is what the sensors and the time step leave of a right model"
+    elif unexplained:
+        worst = max(unexplained, key=lambda o: o.left)
+        verdict = "unexplained"
+        reason = f"{worst.name}: the best of the library leaves {worst.left:.1f} times the floor on held-out motion"
+    elif ambiguous:
+        verdict = "ambiguous"
+        first = ambiguous[0]
+        reason = f"{first.effect} at {first.target} cannot be told from {', '.join(first.confusable_with)}"
+    elif findings:
+        verdict, reason = "explained", "; ".join(f"{f.effect} at {f.target}" for f in findings)
+    elif unsettled:
+        verdict = "unexplained"
+        reason = f"{unsettled[0].name}: {unsettled[0].chi_square:.1f} times the floor, and no effect passes the gate"
+    else:
+        verdict, reason = "within_noise", "nominal parameters within their uncertainty explain the motion"
+    return Diagnosis(
+        verdict=verdict,
+        reason=reason,
+        findings=tuple(findings),
+        tried=tuple(t for o in outcomes for t in o.tried),
+        where=tuple(where_it_fails(twin, train)),
+        parts={
+            o.name: {"joints": o.joints, "times_floor": o.chi_square, "left_times_floor": o.left, "quiet": o.quiet}
+            for o in outcomes
+        },
+        moved_parameters=tuple(
+            {"parameter": name, "sigma": sigma} for o in outcomes for name, sigma in o.strained.items()
+        ),
+        interrupted=interrupted,
+    )
+
+
+def _finding(part: PartFit, fit: Fit, judged: HeldOut, rivals: tuple[str, ...]) -> Finding:
+    hypothesis = fit.hypothesis
+    assert hypothesis is not None
+    widths = dict(zip((k.name for k in fit.problem.knobs), unit_sigmas(fit), strict=True))
+    parameters = {}
+    for knob in fit.problem.knobs:
+        if knob.prior is None:
+            name = knob.name.rpartition(".")[2]
+            value = fit.values[name]
+            parameters[name] = FittedValue(value, knob.unit, knob_interval(fit, knob, widths[knob.name]))
+    twin = part.twin
+    driven: list[str] = []
+    if hypothesis.target in twin.actuators:
+        row = twin.drive[twin.actuators.index(hypothesis.target)]
+        driven = [twin.joints[j] for j in np.flatnonzero(row)]
+    elif hypothesis.target == "hand":
+        driven = list(part.joints)
+    joints = tuple(dict.fromkeys([*([] if hypothesis.target == "hand" else [hypothesis.target]), *driven]))
+    effect = hypothesis.effect
+    return Finding(
+        effect=effect.key,
+        target=hypothesis.target,
+        joints=joints,
+        parameters=parameters,
+        evidence=part.evidence(fit),
+        holdout_mse_before=judged.mse_before,
+        holdout_mse_after=judged.mse_after,
+        holdout_gain=judged.gain,
+        holdout_gain_ci95=judged.gain_ci95,
+        confusable_with=rivals,
+        explanation=f"{effect.story.what} {effect.story.shows} Likely cause: {effect.story.cause} "
+        f"What to do: {effect.story.remedy}",
+    )

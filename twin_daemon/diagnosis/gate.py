@@ -1,0 +1,74 @@
+"""The gate: an effect counts only if motion that it was not fitted to gets better by it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin_daemon.diagnosis.partfit import Fit, PartFit
+from twin_daemon.diagnosis.whitened import block_gain
+from twin_daemon.simulation.alignment import Aligned
+
+ADEQUATE = 3.0
+"""Held-out error over the floor (both squared) up to which a model is called right: wrong effects leave 9 and more."""
+
+_BLOCK_S = 0.75
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """A fit on held-out motion beside the model without the effect. Errors in rad^2, `adequacy` in floors."""
+
+    mse_before: float
+    mse_after: float
+    gain: float
+    gain_ci95: tuple[float, float]
+    adequacy_before: float
+    adequacy: float
+
+    @property
+    def passes(self) -> bool:
+        """Whether the gain is there with 97.5 % certainty."""
+        return self.gain_ci95[0] > 0.0
+
+    @property
+    def adequate(self) -> bool:
+        """Whether what is left is what a right model leaves."""
+        return self.adequacy <= ADEQUATE
+
+
+def judge(part: PartFit, fit: Fit, holdout: Sequence[Aligned], *, seed: int) -> HeldOut:
+    """Compares a fit with the nuisances alone, both as fitted, on held-out recordings."""
+    before = [r for r in part.held_out(part.base, holdout)]
+    after = [r for r in part.held_out(fit, holdout)]
+    known = [np.isfinite(r.measured[:, [r.joints.index(j) for j in part.joints]]) for r in holdout]
+    squares_before = np.concatenate([(r**2).mean(axis=1)[k.any(axis=1)] for r, k in zip(before, known, strict=True)])
+    squares_after = np.concatenate([(r**2).mean(axis=1)[k.any(axis=1)] for r, k in zip(after, known, strict=True)])
+    block = max(1, int(_BLOCK_S / float(np.median(np.diff(holdout[0].time_s)))))
+    total_before, total_after = float(squares_before.mean()), float(squares_after.mean())
+    return HeldOut(
+        mse_before=total_before,
+        mse_after=total_after,
+        gain=1.0 - total_after / max(total_before, 1e-30),
+        gain_ci95=block_gain(squares_before, squares_after, block, seed),
+        adequacy_before=_adequacy(before, known, part.floor),
+        adequacy=_adequacy(after, known, part.floor),
+    )
+
+
+def _adequacy(residuals: Sequence[np.ndarray], known: Sequence[np.ndarray], floor: np.ndarray) -> float:
+    """Mean squared error over the floor; a constant offset within a few mrad is not held against a model."""
+    total, count = 0.0, 0
+    for residual, mask in zip(residuals, known, strict=True):
+        for joint in range(residual.shape[1]):
+            series = residual[mask[:, joint], joint]
+            if series.size:
+                offset = np.clip(series.mean(), -_OFFSET_RAD, _OFFSET_RAD)
+                total += float(((series - offset) ** 2).sum() / floor[joint])
+                count += series.size
+    return total / max(count, 1)
+
+
+_OFFSET_RAD = 2e-3
