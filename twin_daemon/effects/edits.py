@@ -81,4 +81,4 @@ def add_passive_motor(spec: Any, name: str, kind: Any, target: str) -> Any:
 
 def stable_stiffness(spec: Any, place: Place) -> float:
     """The stiffest spring in N m/rad at a joint that an explicit step bears with a margin, from its armature."""
-    return 0.25 * max(float(spec.joint(place.joint).armature), 2e-5) / float(spec.option.timestep) ** 2
+    return 0.8 * max(float(spec.joint(place.joint).armature), 2e-5) / float(spec.option.timestep) ** 2

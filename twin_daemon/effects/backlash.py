@@ -1,0 +1,60 @@
+"""Play between the motor and the joint."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
+from twin_daemon.effects.edits import servo_stiffness
+from twin_daemon.effects.transmission import implicit_spring, motor_side
+
+_STIFF = 1000.0  # the ends of the gap over the servo
+_LOSS_STEPS = 5.0  # damping over stiffness at these ends, in time steps: they meet without rebound
+_OVERLAP = 5e-4  # rad: each end begins this early, so that a closed gap is held from both sides at once
+_CLOSED = 1e-9  # rad: MuJoCo wants an upper limit above the lower one
+
+
+class Backlash(Effect):
+    """A motor of its own, and a limited tendon `motor - joint`: free within the gap, stiff at its ends.
+
+    The ends are a thousand times as stiff as the servo, or as stiff as the tendon where that is elastic, too.
+    """
+
+    key = "backlash"
+    title = "play in the transmission"
+    acts_on = "actuator"
+    parameters = (Parameter("gap", "rad", 0.0, 1.0, 0.0, 0.06, "angle that the motor turns at a reversal for nothing"),)
+    story = Story(
+        what="At a reversal the motor turns through a gap before it takes the joint along.",
+        shows="The joint stays where it is at reversals, then follows with a constant shift that changes sign.",
+        cause="Worn gear teeth, a slack tendon, a loose pin or key.",
+        remedy="Retension the tendon; renew gear or pin.",
+        excitation="small slow reversals at several angles, with load from either side",
+    )
+    confusable = ("coulomb_friction", "hysteresis", "tendon_elasticity", "sensor_offset")
+
+    def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:
+        link = motor_side(spec, place)
+        tie = spec.equality(link.tendon)
+        if tie is None:
+            stiffness = _STIFF * servo_stiffness(spec, place)
+            solref, solimp = implicit_spring(
+                spec, link.tendon, stiffness, _LOSS_STEPS * spec.option.timestep * stiffness
+            )
+        else:  # an elastic tendon with play: its spring acts at the ends of the gap
+            solref, solimp = np.array(tie.solref), np.array(tie.solimp)
+            spec.delete(tie)
+        tendon = spec.tendon(link.tendon)
+        gap = values["gap"]
+        half = 0.5 * gap + _OVERLAP * gap / (gap + 2.0 * _OVERLAP) + _CLOSED
+        tendon.range = np.array([-half, half])
+        tendon.limited = mujoco.mjtLimited.mjLIMITED_TRUE
+        tendon.margin = _OVERLAP
+        tendon.solref_limit, tendon.solimp_limit = solref, solimp
+
+    def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
+        return tuple({"gap": gap} for gap in (0.02, 0.06, 0.2))
