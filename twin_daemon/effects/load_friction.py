@@ -28,7 +28,7 @@ class LoadFriction(Effect):
     title = "friction that grows with the load"
     acts_on = "joint"
     parameters = (
-        Parameter("coefficient", "1", 0.0, 0.9, 0.0, 0.2, "friction torque over the torque that the servo transmits"),
+        Parameter("coefficient", "1", 0.0, 0.8, 0.0, 0.2, "friction torque over the torque that the servo transmits"),
     )
     story = Story(
         what="The harder the servo pulls, the more the transmission rubs.",
@@ -57,8 +57,10 @@ class LoadFriction(Effect):
         slide = shoe.add_joint(name=f"{place.joint}_brake", type=mujoco.mjtJoint.mjJNT_SLIDE)
         slide.axis = np.array([0.0, 0.0, 1.0])
         slide.limited = mujoco.mjtLimited.mjLIMITED_FALSE
-        slide.armature, slide.damping, slide.frictionloss = 0.01, np.array([1.0, 0.0, 0.0]), 0.0
+        slide.armature, slide.damping, slide.frictionloss = 0.01, np.array([10.0, 0.0, 0.0]), 0.0
         _solid(shoe, f"{place.joint}_brake", mujoco.mjtGeom.mjGEOM_SPHERE, np.full(3, _THICK_M))
+        # what rubs lifts off in proportion, and what is soft stays on; what does not rub may be hard
+        firm = 1.0 / (1.001 + 0.11 * min(1.0, values["coefficient"] / 0.1))
         turned, centre = np.empty(4), np.empty(3)
         mujoco.mju_mulQuat(turned, link.quat, along)
         for side, name in ((1.0, "over"), (-1.0, "under")):
@@ -73,7 +75,10 @@ class LoadFriction(Effect):
             touch = spec.add_pair(name=plate.name, geomname1=f"{place.joint}_brake", geomname2=plate.name)
             touch.condim = 4
             touch.friction = np.array([1e-5, 1e-5, max(values["coefficient"] / _PRESS, 1e-7), 1e-5, 1e-5])
-            touch.solref, touch.solimp = np.array([0.004, 1.0]), np.array([0.999, 0.999, 0.001, 0.5, 2.0])
+            touch.solref, touch.solimp = np.array([0.02, 1.0]), np.array([firm, firm, 0.001, 0.5, 2.0])
+        # MuJoCo's contacts lift off as they slide; heavily damped and in an elliptic cone, the shoe stays near enough
+        # to its plate for the mean of the friction to be right
+        spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         self._press(spec, place, slide.name)
 
     @staticmethod
