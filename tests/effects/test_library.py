@@ -1,0 +1,211 @@
+"""Laws that hold for every effect of the library; a new effect is tested by being listed."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import mujoco
+import numpy as np
+import pytest
+import yaml
+
+from tests.effects.conftest import Bench, loaded_finger, rich_controls
+from twin_daemon.effects import LIBRARY
+from twin_daemon.effects.mjcf_text import mjcf_text
+from twin_daemon.errors import BadInput
+from twin_daemon.hand import load_hand
+from twin_daemon.simulation.rollout import roll_out
+from twin_daemon.simulation.terms import EffectTerm, Terms, load_terms
+from twin_daemon.simulation.twin import TwinModel
+
+CONTRACT = {
+    "viscous_friction", "coulomb_friction", "stribeck_friction", "load_friction", "backlash", "hysteresis",
+    "tendon_elasticity", "coupling", "spring", "nonlinear_spring", "joint_stop", "armature", "payload",
+    "gravity_tilt", "actuator_gain", "actuator_saturation", "actuator_lag", "rate_limit", "command_delay",
+    "torque_ripple", "sensor_offset", "sensor_gain",
+}  # fmt: skip
+# A rigid link is a very stiff one, and it divides inertia and friction between two sides. See the effects' texts.
+NEUTRAL_WITHIN_RAD = {"tendon_elasticity": 5e-4, "backlash": 5e-4, "load_friction": 5e-4}
+VISIBLE_RAD = 1e-3
+SIZES = ("nq", "nv", "nu", "na", "nactuator", "nhistory", "nbody", "njnt", "ntendon", "neq", "npair", "nplastic")
+ON_MECHANICS = [key for key, effect in LIBRARY.items() if effect.acts_on != "sensor"]
+FRICTION = (
+    "viscous_friction",
+    "coulomb_friction",
+    "stribeck_friction",
+    "load_friction",
+    "hysteresis",
+    "backlash",
+    "tendon_elasticity",
+)
+
+every_effect = pytest.mark.parametrize("key", LIBRARY)
+
+
+def test_the_library_has_every_key_of_the_contract():
+    assert set(LIBRARY) >= CONTRACT
+
+
+@every_effect
+def test_an_effect_explains_itself(key: str):
+    effect = LIBRARY[key]
+    assert effect.key == key
+    assert effect.title
+    for text in (effect.story.what, effect.story.shows, effect.story.cause, effect.story.remedy):
+        assert text.endswith(".")
+    assert effect.story.excitation
+    assert set(effect.confusable) <= set(LIBRARY) - {key}
+    assert set(effect.contains) <= set(LIBRARY) - {key}
+    for parameter in effect.parameters:
+        assert parameter.unit
+        assert parameter.meaning
+        assert parameter.lower <= parameter.neutral <= parameter.upper
+        assert parameter.lower <= parameter.default <= parameter.upper
+        assert not parameter.log or parameter.lower > 0
+
+
+@every_effect
+def test_neutral_values_change_nothing(key: str, bench: Bench):
+    places = bench.places(key)
+    assert places
+    for target in places:
+        moved = bench.move(bench.with_effects((key, target, LIBRARY[key].neutral())))
+        np.testing.assert_allclose(moved, bench.still, rtol=0, atol=NEUTRAL_WITHIN_RAD.get(key, 1e-6))
+
+
+@every_effect
+def test_default_values_are_visible(key: str, bench: Bench):
+    for target in bench.places(key):
+        moved = bench.move(bench.with_effects((key, target, {})))
+        assert np.abs(moved - bench.still).max() > VISIBLE_RAD
+
+
+@every_effect
+def test_starts_are_a_handful_of_sound_and_different_motions(key: str, bench: Bench):
+    effect = LIBRARY[key]
+    for target in bench.places(key):
+        starts = effect.starts(bench.twin.scale(target))
+        assert 2 <= len(starts) <= 6
+        moves = [bench.move(bench.with_effects((key, target, values))) for values in starts]
+        assert all(np.isfinite(moved).all() for moved in moves)
+        assert len({moved.tobytes() for moved in moves}) > 1
+        assert max(np.abs(moved - bench.still).max() for moved in moves) > VISIBLE_RAD
+
+
+@every_effect
+def test_a_small_step_in_a_parameter_is_a_small_step_in_the_motion(key: str, bench: Bench):
+    target = bench.places(key)[0]
+    values = LIBRARY[key].complete({})
+    moved = bench.move(bench.with_effects((key, target, values)))
+    for parameter in LIBRARY[key].parameters:
+        near = values | {parameter.name: values[parameter.name] * (1 + 1e-6) + 1e-9}
+        stepped = bench.move(bench.with_effects((key, target, near)))
+        assert np.abs(stepped - moved).max() < 2e-3
+
+
+@every_effect
+def test_the_structure_does_not_depend_on_the_values(key: str, bench: Bench):
+    effect = LIBRARY[key]
+    for target in bench.places(key):
+        extremes = ({p.name: p.upper for p in effect.parameters}, effect.neutral(), effect.complete({}))
+        sizes = set()
+        for values in extremes:
+            model = bench.with_effects((key, target, values)).model
+            sizes.add(tuple(getattr(model, name) for name in SIZES if hasattr(model, name)))
+        assert len(sizes) == 1
+
+
+@pytest.mark.parametrize("key", ON_MECHANICS)
+def test_the_plain_mjcf_moves_identically(key: str, bench: Bench):
+    for target in bench.places(key):
+        twin = bench.with_effects((key, target, LIBRARY[key].starts(bench.twin.scale(target))[0]))
+        text = mjcf_text(twin.spec)
+        read = mujoco.MjModel.from_xml_string(text)
+        start = twin.initial_qpos(np.linalg.lstsq(twin.drive, bench.controls[0], rcond=None)[0])
+        positions = roll_out([read], bench.controls[None], start[None])
+        own = roll_out([twin.model], bench.controls[None], start[None])
+        np.testing.assert_allclose(positions, own, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("one", "other"), list(pairwise(ON_MECHANICS)))
+def test_the_order_of_adding_does_not_matter(one: str, other: str, bench: Bench):
+    if {one, other} == {"actuator_lag", "rate_limit"}:
+        pytest.skip("these two exclude each other")
+    here = [(key, target, {}) for key in (one, other) for target in bench.places(key)[:2]]
+    forward, backward = bench.with_effects(*here), bench.with_effects(*reversed(here))
+    assert np.array_equal(bench.move(forward), bench.move(backward))
+
+
+@pytest.mark.parametrize("key", FRICTION)
+def test_friction_never_adds_energy(key: str, bench: Bench):
+    def let_go(spec) -> None:
+        spec.option.gravity = np.zeros(3)
+        for actuator in spec.actuators:
+            actuator.gainprm, actuator.biasprm = np.zeros(10), np.zeros(10)
+        for joint in spec.joints:
+            joint.damping, joint.frictionloss = np.array([0.002, 0.0, 0.0]), 0.0
+
+    free = loaded_finger(let_go)
+    for target in ("rh_FFJ3", "rh_FFJ0", "rh_FFJ1"):
+        if target not in (*free.joints, *free.actuators) or not LIBRARY[key].applies(free.place(target)):
+            continue
+        for values in LIBRARY[key].starts(bench.twin.scale(target)):
+            if any(value < 0 for value in values.values()):
+                continue  # less friction than this model has would be refused
+            model = free.changed(Terms(effects=(EffectTerm(effect=key, target=target, values=values),))).model
+            energy = _kinetic_energy(model, free)
+            assert energy.max() <= energy[0] * (1 + 1e-6)
+            assert energy[-1] < 0.9 * energy[0]
+
+
+def _kinetic_energy(model: mujoco.MjModel, free: TwinModel) -> np.ndarray:
+    """(T,) J of a free motion that begins with a push."""
+    model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
+    data = mujoco.MjData(model)
+    data.qpos[free.qpos_adr] = [0.8, 0.8, 0.6, 0.0]
+    driven = free.drive @ data.qpos[free.qpos_adr]
+    for index, name in enumerate(free.actuators):
+        motor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, f"{free.place(name).actuator}_motor")
+        if motor >= 0:
+            data.qpos[model.jnt_qposadr[motor]] = driven[index]
+    data.qvel[free.dof_adr] = [1.5, -1.0, 2.0, 0.0]
+    energy = []
+    for _ in range(200):
+        mujoco.mj_step(model, data)
+        energy.append(float(data.energy[1]))
+    return np.array(energy)
+
+
+@every_effect
+def test_an_effect_survives_being_stored(key: str, bench: Bench, tmp_path):
+    target = bench.places(key)[0]
+    terms = Terms(effects=(EffectTerm(effect=key, target=target, values=LIBRARY[key].complete({})),))
+    path = tmp_path / "terms.yaml"
+    path.write_text(yaml.safe_dump(terms.as_json()))
+    assert np.array_equal(bench.move(bench.twin.changed(load_terms(path))), bench.move(bench.twin.changed(terms)))
+
+
+@every_effect
+def test_values_outside_physics_are_refused(key: str):
+    effect = LIBRARY[key]
+    for parameter in effect.parameters:
+        for beyond in (parameter.lower - 1.0, parameter.upper * 1.01 + 1.0, float("nan")):
+            with pytest.raises(BadInput, match=parameter.name):
+                effect.complete({parameter.name: beyond})
+    with pytest.raises(BadInput, match="no parameter"):
+        effect.complete({"colour": 1.0})
+
+
+@every_effect
+def test_an_effect_works_on_another_robot(key: str, shared_data):
+    hand = load_hand(model=shared_data / "so101_real" / "so101.xml")
+    arm = TwinModel.load(hand)
+    controls = rich_controls(arm)[:400]
+    for target in ("elbow_flex", "hand"):
+        if not LIBRARY[key].applies(arm.place(target)):
+            continue
+        for values in LIBRARY[key].starts(arm.scale(target)):
+            twin = arm.changed(Terms(effects=(EffectTerm(effect=key, target=target, values=values),)))
+            positions = roll_out([twin.model], controls[None], twin.initial_qpos(np.zeros(len(arm.joints)))[None])
+            assert np.isfinite(positions).all()
+            assert np.abs(positions[:, :, twin.qpos_adr]).max() < 10.0
