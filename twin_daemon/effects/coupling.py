@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
 from twin_daemon.effects.edits import add_joint_tendon, add_to_linear, servo_stiffness
 
@@ -24,7 +26,7 @@ class Coupling(Effect):
     title = "the split of one tendon between two joints"
     acts_on = "tendon"
     parameters = (
-        Parameter("preload", "N m", -2.0, 2.0, 0.0, 0.12, "torque that holds the distal joint open"),
+        Parameter("preload", "N m", -2.0, 2.0, 0.0, 0.5, "torque that holds the distal joint open"),
         Parameter("spring_distal", "N m/rad", 0.0, 5.0, 0.0, 0.035, "spring that opens the distal joint"),
         Parameter("spring_proximal", "N m/rad", 0.0, 5.0, 0.0, 0.055, "spring that opens the proximal joint"),
         Parameter("friction_distal", "N m", 0.0, 2.0, 0.0, 0.03, "dry friction of the distal joint beside the model's"),
@@ -79,10 +81,11 @@ class Coupling(Effect):
         calm = self.neutral()
         springs = {"preload": 0.12 * unit, "spring_distal": 0.035 * unit, "spring_proximal": 0.055 * unit}
         friction = {"friction_distal": 0.03 * unit, "friction_tendon": 0.08 * unit}
+        stops = {"stop": float(np.clip(0.5 * scale.upper - 0.03, 0.5, 3.0)), "stop_slope": 0.03, "rest_slope": 0.025}
         return (
             {**calm, **springs},
             {**calm, **springs, **friction},
-            {**calm, **springs, **friction, "stop": 0.5 * scale.upper - 0.03, "stop_slope": 0.03, "rest_slope": 0.025},
+            {**calm, **springs, **friction, "preload": 0.5 * unit, **stops},
             {**calm, "preload": 0.4 * unit},
             {**calm, "preload": -0.12 * unit, "spring_proximal": 0.05 * unit},
         )

@@ -35,7 +35,7 @@ def add_to_linear(element: Any, attribute: str, amount: float, place: Place) -> 
 
 
 def add_joint_tendon(
-    spec: Any, name: str, joints: Mapping[str, float], *, stiffness: float = 0.0, rest: tuple[float, float]
+    spec: Any, name: str, joints: Mapping[Any, float], *, stiffness: float = 0.0, rest: tuple[float, float]
 ) -> Any:
     """A fixed tendon over joints {name: coefficient} with a spring that pulls outside the lengths `rest`, in rad."""
     tendon = spec.add_tendon(name=name)
@@ -64,7 +64,7 @@ def servo_stiffness(spec: Any, place: Place) -> float:
     return abs(float(spec.actuator(place.actuator).biasprm[1])) or 1.0
 
 
-def add_passive_motor(spec: Any, name: str, kind: Any, target: str) -> Any:
+def add_passive_motor(spec: Any, name: str, kind: Any, target: str | None) -> Any:
     """A `dcmotor` without inputs and without an electrical side: it only carries LuGre friction or cogging."""
     motor = spec.add_actuator(name=name, trntype=kind, target=target)
     motor.dyntype = mujoco.mjtDyn.mjDYN_DCMOTOR

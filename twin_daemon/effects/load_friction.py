@@ -21,7 +21,9 @@ class LoadFriction(Effect):
 
     The servo pulls a tendon over its joint and, beside it, a slide along the joint's axis. The slide is held
     between two plates of the parent link, so that it cannot give way: the joint gets the whole torque, a plate
-    gets the same number in newtons, and their contact resists turning about the axis (torsional friction).
+    gets the same number in newtons, and their contact resists turning about the axis (torsional friction). The
+    mean of the friction is right to 1 % up to a coefficient of 0.3 and to 7 % above; contacts elsewhere get the
+    elliptic cone, too.
     """
 
     key = "load_friction"

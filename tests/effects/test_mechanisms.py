@@ -1,0 +1,157 @@
+"""What single effects do, against figures worked out by hand."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from tests.effects.conftest import Bench, loaded_finger, move
+from twin_daemon.errors import BadInput
+from twin_daemon.simulation.rollout import roll_out
+from twin_daemon.simulation.terms import EffectTerm, Terms
+from twin_daemon.simulation.twin import TwinModel
+
+
+@pytest.fixture(scope="module")
+def smooth() -> TwinModel:
+    """A finger without gravity and dry friction: where it rests is where the torques balance."""
+
+    def plain(spec) -> None:
+        spec.option.gravity = np.zeros(3)
+        for joint in spec.joints:
+            joint.frictionloss = 0.0
+
+    return loaded_finger(plain)
+
+
+def _rest(twin: TwinModel, *effects: tuple[str, str, dict[str, float]], target: float = 0.7) -> float:
+    """Where J3 comes to rest, rad, with its servo at `target`."""
+    terms = tuple(EffectTerm(effect=key, target=place, values=values) for key, place, values in effects)
+    controls = np.zeros((1000, len(twin.actuators)))
+    controls[:, twin.actuators.index("rh_FFJ3")] = target
+    return float(move(twin.changed(Terms(effects=terms)), controls)[-1, twin.joints.index("rh_FFJ3")])
+
+
+def test_a_series_spring_adds_its_compliance_to_the_servos(smooth: TwinModel):
+    pull = ("spring", "rh_FFJ3", {"stiffness": 0.0, "preload": 0.4})
+    for stiffness in (5.0, 50.0, 500.0):
+        shift = _rest(smooth, pull, ("tendon_elasticity", "rh_FFJ3", {"stiffness": stiffness})) - 0.7
+        assert shift == pytest.approx(0.4 / 10.0 + 0.4 / stiffness, rel=1e-3)
+
+
+@pytest.mark.parametrize("gap", [0.01, 0.06, 0.2])
+def test_play_is_the_way_between_two_loads_beyond_what_the_servo_gives(smooth: TwinModel, gap: float):
+    play = ("backlash", "rh_FFJ3", {"gap": gap})
+    up, down = (_rest(smooth, ("spring", "rh_FFJ3", {"stiffness": 0.0, "preload": s * 0.2}), play) for s in (1, -1))
+    assert up - down == pytest.approx(gap + 2 * 0.2 / 10.0, abs=5e-4)
+
+
+def test_play_and_elasticity_at_one_motor_add_up(smooth: TwinModel):
+    both = (("backlash", "rh_FFJ3", {"gap": 0.05}), ("tendon_elasticity", "rh_FFJ3", {"stiffness": 20.0}))
+    up, down = (_rest(smooth, ("spring", "rh_FFJ3", {"stiffness": 0.0, "preload": s * 0.2}), *both) for s in (1, -1))
+    assert up - down == pytest.approx(0.05 + 2 * 0.2 / 10.0 + 2 * 0.2 / 20.0, abs=5e-4)
+
+
+def test_a_spring_pulls_with_its_preload_and_its_stiffness(smooth: TwinModel):
+    rest = _rest(smooth, ("spring", "rh_FFJ3", {"stiffness": 2.0, "preload": 0.5}))
+    assert rest == pytest.approx((10.0 * 0.7 + 0.5) / (10.0 + 2.0), abs=1e-5)
+
+
+def test_a_cubic_spring_pulls_with_the_third_power(smooth: TwinModel):
+    rest = _rest(smooth, ("nonlinear_spring", "rh_FFJ3", {"cubic": 3.0, "centre": 1.2}))
+    assert 10.0 * (0.7 - rest) == pytest.approx(3.0 * (rest - 1.2) ** 3, abs=1e-4)
+
+
+def test_a_stop_is_a_spring_from_where_it_begins(smooth: TwinModel):
+    end = smooth.base_model.joint("rh_FFJ3").range[1]
+    rest = _rest(smooth, ("joint_stop", "rh_FFJ3", {"stiffness": 30.0, "upper": end - 0.5, "lower": 0.0}))
+    assert rest == pytest.approx((10.0 * 0.7 + 30.0 * 0.5) / 40.0, abs=1e-5)
+
+
+@pytest.mark.parametrize("coefficient", [0.03, 0.1, 0.3, 0.6])
+@pytest.mark.parametrize("torque", [0.1, 1.0])
+def test_the_brake_takes_its_share_of_the_torque(coefficient: float, torque: float):
+    def treadmill(spec) -> None:  # a constant torque against damping alone: the speed tells the torque that is left
+        spec.option.gravity = np.zeros(3)
+        joint, servo = spec.joint("rh_FFJ3"), spec.actuator("rh_A_FFJ3")
+        joint.frictionloss, joint.damping, joint.range = 0.0, np.array([1.0, 0.0, 0.0]), np.array([-50.0, 50.0])
+        servo.forcerange, servo.ctrlrange = np.array([-torque, torque]), np.array([-100.0, 100.0])
+
+    finger = loaded_finger(treadmill)
+    term = EffectTerm(effect="load_friction", target="rh_FFJ3", values={"coefficient": coefficient})
+    controls = np.zeros((400, len(finger.actuators)))
+    controls[:, finger.actuators.index("rh_FFJ3")] = 50.0
+    twin = finger.changed(Terms(effects=(term,)))
+    angle = roll_out([twin.model], controls[None], twin.initial_qpos(np.zeros(len(twin.joints)))[None])[0]
+    angle = angle[:, twin.qpos_adr[twin.joints.index("rh_FFJ3")]]
+    speed = (angle[-1] - angle[200]) / (200 * twin.model.opt.timestep)
+    assert speed == pytest.approx(torque * (1.0 - coefficient), rel=0.01 if coefficient <= 0.3 else 0.08)
+
+
+def test_stribeck_friction_without_its_fall_is_coulomb_friction(bench: Bench):
+    falling = bench.move(bench.with_effects(("stribeck_friction", "rh_FFJ3", {"breakaway": 0.1, "velocity": 100.0})))
+    coulomb = bench.move(bench.with_effects(("coulomb_friction", "rh_FFJ3", {"friction": 0.1})))
+    assert np.std(falling - coulomb) < 0.4 * np.std(coulomb - bench.still)
+
+
+def test_a_delay_of_whole_steps_is_a_shifted_command(bench: Bench):
+    late = bench.controls.copy()
+    column = bench.twin.actuators.index("rh_FFJ3")
+    late[10:, column] = bench.controls[:-10, column]
+    late[:10, column] = bench.controls[0, column]
+    delayed = bench.with_effects(("command_delay", "rh_FFJ3", {"delay": 10 * bench.twin.model.opt.timestep}))
+    np.testing.assert_allclose(bench.move(delayed), move(bench.twin, late), rtol=0, atol=1e-9)
+
+
+def test_the_distal_joint_stays_behind_while_the_finger_closes():
+    finger = loaded_finger(lambda spec: setattr(spec.option, "gravity", np.zeros(3)))
+    controls = np.zeros((1500, len(finger.actuators)))
+    controls[:, finger.actuators.index("rh_FFJ0")] = np.linspace(0.0, 2.8, 1500)
+    distal, proximal = finger.joints.index("rh_FFJ1"), finger.joints.index("rh_FFJ2")
+    alone = move(finger, controls)
+    term = EffectTerm(effect="coupling", target="rh_FFJ0", values={})
+    split = move(finger.changed(Terms(effects=(term,))), controls)
+    assert np.abs(alone[:, distal] - alone[:, proximal]).max() < 0.1
+    half = np.searchsorted(split[:, distal] + split[:, proximal], 1.2)
+    assert split[half, distal] < 0.1
+    assert split[half, proximal] > 1.0
+    assert split[-1, distal] > 1.0
+    assert split[-1, proximal] == pytest.approx(1.52 + 0.03 * split[-1, distal], abs=0.03)
+
+
+def test_gravity_turns_and_keeps_its_size(bench: Bench):
+    twin = bench.with_effects(("gravity_tilt", "hand", {"about_x": np.pi / 2, "about_y": 0.0}))
+    x, y, z = bench.twin.model.opt.gravity
+    np.testing.assert_allclose(twin.model.opt.gravity, [x, -z, y], atol=1e-12)
+
+
+def test_less_friction_than_none_is_refused(bench: Bench):
+    with pytest.raises(BadInput, match="frictionloss"):
+        bench.with_effects(("coulomb_friction", "rh_FFJ3", {"friction": -1.0}))
+
+
+def test_two_filters_at_one_actuator_are_refused(bench: Bench):
+    with pytest.raises(BadInput, match="rate_limit"):
+        bench.with_effects(("actuator_lag", "rh_FFJ3", {}), ("rate_limit", "rh_FFJ3", {}))
+
+
+def test_inertia_is_divided_between_motor_and_joint_and_not_added(bench: Bench):
+    still = _total_inertia(bench.twin.model)
+    for target in ("rh_FFJ3", "rh_FFJ0"):
+        twin = bench.with_effects(("backlash", target, {}))
+        assert _total_inertia(twin.model, f"{bench.twin.place(target).actuator}_link") == pytest.approx(still, rel=1e-3)
+
+
+def _total_inertia(model: mujoco.MjModel, link: str | None = None) -> float:
+    """Kinetic energy (J) at a speed of 1 rad/s of every joint, with a motor as fast as what it drives."""
+    data = mujoco.MjData(model)
+    data.qvel[:] = [0.0 if model.joint(model.dof_jntid[i]).name.endswith("_motor") else 1.0 for i in range(model.nv)]
+    if link is not None:
+        mujoco.mj_forward(model, data)
+        motor = model.joint(link.replace("_link", "_motor"))
+        data.qvel[model.jnt_dofadr[motor.id]] = -data.ten_velocity[model.tendon(link).id]
+    mujoco.mj_forward(model, data)
+    full = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, full)
+    return float(0.5 * data.qvel @ full @ data.qvel)
