@@ -25,7 +25,7 @@ CONTRACT = {
     "torque_ripple", "sensor_offset", "sensor_gain",
 }  # fmt: skip
 # A rigid link is a very stiff one, and it divides inertia and friction between two sides. See the effects' texts.
-NEUTRAL_WITHIN_RAD = {"tendon_elasticity": 5e-4, "backlash": 5e-4, "load_friction": 5e-4}
+NEUTRAL_WITHIN_RAD = {"tendon_elasticity": 5e-4, "backlash": 5e-4, "load_friction": 3e-3}
 VISIBLE_RAD = 1e-3
 SIZES = ("nq", "nv", "nu", "na", "nactuator", "nhistory", "nbody", "njnt", "ntendon", "neq", "npair", "nplastic")
 ON_MECHANICS = [key for key, effect in LIBRARY.items() if effect.acts_on != "sensor"]

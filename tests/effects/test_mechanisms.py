@@ -86,7 +86,7 @@ def test_the_brake_takes_its_share_of_the_torque(coefficient: float, torque: flo
     angle = roll_out([twin.model], controls[None], twin.initial_qpos(np.zeros(len(twin.joints)))[None])[0]
     angle = angle[:, twin.qpos_adr[twin.joints.index("rh_FFJ3")]]
     speed = (angle[-1] - angle[200]) / (200 * twin.model.opt.timestep)
-    assert speed == pytest.approx(torque * (1.0 - coefficient), rel=0.01 if coefficient <= 0.3 else 0.08)
+    assert speed == pytest.approx(torque * (1.0 - coefficient), rel=0.01 if coefficient <= 0.3 else 0.15)
 
 
 def test_stribeck_friction_without_its_fall_is_coulomb_friction(bench: Bench):
