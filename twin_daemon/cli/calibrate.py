@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -135,9 +134,7 @@ def errors(result: Calibration) -> dict[str, Any]:
     }
 
 
-def _payload(
-    result: Calibration, stored: str, notes: list[str], space: str, search: str, seed: int
-) -> dict[str, Any]:
+def _payload(result: Calibration, stored: str, notes: list[str], space: str, search: str, seed: int) -> dict[str, Any]:
     return {
         **errors(result),
         "objective": result.objective,

@@ -20,7 +20,9 @@ def command(
     terms: options.Terms = None,
     trajectory: options.TrajectoryRef = None,
     joint_map: options.JointMap = None,
-    plot: Annotated[Path | None, typer.Option("--plot", metavar="FILE.html", help="Draw measured, twin and residual.")] = None,
+    plot: Annotated[
+        Path | None, typer.Option("--plot", metavar="FILE.html", help="Draw measured, twin and residual.")
+    ] = None,
     json: options.Json = None,
 ) -> None:
     """Roll the twin out under the recorded commands and say where it differs from the measurement.
@@ -69,7 +71,9 @@ def _show(report: dict[str, Any], json: str | None) -> None:
         )
     console.print(table)
     still = len(report["joints"]) - len(moving)
-    console.print(f"mean over the {len(moving)} joints that move ({still} are still): [bold]{report['mse_rad2']:.4g} rad²[/]")
+    console.print(
+        f"mean over the {len(moving)} joints that move ({still} are still): [bold]{report['mse_rad2']:.4g} rad²[/]"
+    )
     references = report["references"]
     for label, name in (("raw command", "raw_command"), ("last promoted version", "last_promoted")):
         value = references[name]["mse_rad2"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -89,8 +90,8 @@ def _lag(time_s: np.ndarray, measured: np.ndarray, predicted: np.ndarray) -> flo
         return float(np.mean((gap - gap.mean()) ** 2))
 
     grid = np.linspace(-_LAG_RANGE_S, _LAG_RANGE_S, 61)
-    best = grid[int(np.argmin([error(lag) for lag in grid]))]
-    found = minimize_scalar(error, bounds=(best - 0.01, best + 0.01), method="bounded", options={"xatol": 1e-5})
+    best = float(grid[int(np.argmin([error(lag) for lag in grid]))])
+    found: Any = minimize_scalar(error, bounds=(best - 0.01, best + 0.01), method="bounded", options={"xatol": 1e-5})
     return float(found.x)
 
 

@@ -39,7 +39,7 @@ def comparison_report(
             "last_promoted": {"mse_rad2": _promoted(promoted, recordings)},
         },
         "groups": groups,
-        "joints": {name: joint for name, joint in joints.items()},
+        "joints": joints,
         "recordings": [_one(c) for c in comparisons],
         **_data(comparisons),
     }

@@ -32,10 +32,19 @@ def comparison_figure(comparison: Comparison, *, most: int = 12) -> go.Figure:
         column = aligned.joints.index(name)
         measured, twin = aligned.measured[stride, column], comparison.predicted[stride, column]
         first = row == 0
-        rows = ((measured, "measured", MEASURED, 0), (twin, "twin", TWIN, 0), (measured - twin, "residual", RESIDUAL, 1))
+        rows = (
+            (measured, "measured", MEASURED, 0),
+            (twin, "twin", TWIN, 0),
+            (measured - twin, "residual", RESIDUAL, 1),
+        )
         for values, label, colour, below in rows:
             trace = go.Scattergl(
-                x=time_s, y=values, name=label, legendgroup=label, showlegend=first, line={"color": colour, "width": 1.4}
+                x=time_s,
+                y=values,
+                name=label,
+                legendgroup=label,
+                showlegend=first,
+                line={"color": colour, "width": 1.4},
             )
             figure.add_trace(trace, row=2 * row + 1 + below, col=1)
         figure.update_yaxes(title_text="rad", row=2 * row + 1, col=1)

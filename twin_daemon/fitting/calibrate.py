@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,17 +12,18 @@ from twin_daemon.comparison.compare import compare_recording, pooled
 from twin_daemon.errors import BadInput, nearest
 from twin_daemon.fitting.intervals import Interval, intervals
 from twin_daemon.fitting.knobs import Knob
-from twin_daemon.fitting.problem import Problem
+from twin_daemon.fitting.partwise import PartwiseSearch
 from twin_daemon.fitting.reduce import SubProblem, reduced_problems
-from twin_daemon.fitting.searches import SEARCHES
+from twin_daemon.fitting.searches import SEARCHES, Search
 from twin_daemon.fitting.searches.least_squares import descend
 from twin_daemon.fitting.spaces import Space, knobs_of, objective_of
 from twin_daemon.fitting.tracker import Progress, Tracker
-from twin_daemon.simulation.alignment import Aligned, model_onset
+from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
 
-_POLISH = "polish"  # the onset depends on the parameters and they on it: fit, align anew, polish
+_POLISH_ITERATIONS = 10
+_POLISH_SHARE = 0.2  # of a budget
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,6 @@ class Calibration:
     wall_s: float
     interrupted: bool
     onsets_s: tuple[float, ...]
-    notes: list[str] = field(default_factory=list)
 
 
 def calibrate(
@@ -81,41 +81,60 @@ def calibrate(
     objective = objective_of(space, twin, moving)
     knobs = knobs_of(space, twin, moving)
     start = started(twin, space, knobs)
-    before = error(start, train, objective)
-    holdout_before = error(start, holdout, objective) if holdout else None
+    before, aligned = judged(start, train, objective)
+    holdout_before = judged(start, holdout, objective)[0] if holdout else None
 
-    again = search == "least-squares" and any(r.onset_free for r in train)
-    history: list[float] = []
-    units: dict[str, float] = {}
+    found = PartwiseSearch(progress)
+    problems: list[SubProblem] = []
+
+    def current() -> TwinModel:
+        values = {name: value for sub in problems for name, value in sub.parameters(found.units).items()}
+        return twin.changed(start.terms.with_parameters(values))
+
     interrupted = False
-    current, problems = start, []
-    for step in (search, _POLISH) if again else (search,):
-        aligned = [r.with_onset(model_onset(current, r)) if r.onset_free else r for r in train]
-        problems = reduced_problems(start, aligned, knobs, objective, separable=search == "least-squares")
-        try:
-            units = _run(problems, step, budget, seed, progress, history, units)
-        except _Interrupted as stop:
-            units, interrupted = stop.units, True
-        found = {name: value for p in problems for name, value in p.parameters(units).items()}
-        current = twin.changed(start.terms.with_parameters(found))
-        if interrupted:
-            break
-    final = [r.with_onset(model_onset(current, r)) if r.onset_free else r for r in train]
-    parameters = _fitted(problems, units)
+    try:
+        for stage, share in _stages(search, train, budget):
+            if found.units:
+                aligned = judged(current(), train, objective)[1]
+            problems = reduced_problems(start, aligned, knobs, objective, separable=search == "least-squares")
+            found.run(problems, stage, share, seed)
+    except KeyboardInterrupt:
+        if not found.units:  # nothing has been evaluated yet: there is nothing to keep
+            raise
+        interrupted = True
+    fitted = current()
+    after, aligned = judged(fitted, train, objective)
     return Calibration(
-        terms=current.terms,
+        terms=fitted.terms,
         objective=objective,
         before_rad2=before,
-        after_rad2=error(current, final, objective),
+        after_rad2=after,
         holdout_before_rad2=holdout_before,
-        holdout_after_rad2=error(current, holdout, objective) if holdout else None,
-        parameters=parameters,
-        history=history,
-        evaluations=len(history),
+        holdout_after_rad2=judged(fitted, holdout, objective)[0] if holdout else None,
+        parameters=_fitted(problems, found.units),
+        history=found.history,
+        evaluations=len(found.history),
         wall_s=time.monotonic() - began,
         interrupted=interrupted,
-        onsets_s=tuple(r.onset_s for r in final),
+        onsets_s=tuple(r.onset_s for r in aligned),
     )
+
+
+def _stages(search: str, train: Sequence[Aligned], budget: int | None) -> list[tuple[Search, int | None]]:
+    """The searches to run, each with its budget.
+
+    An estimated onset depends on the parameters and they on it: search, align anew, polish.
+    """
+    if search != "least-squares" or not any(r.onset_free for r in train):
+        return [(SEARCHES[search], budget)]
+    if budget is None:
+        return [(SEARCHES[search], None), (_polish, None)]
+    last = int(_POLISH_SHARE * budget)
+    return [(SEARCHES[search], budget - last), (_polish, last)] if last else [(SEARCHES[search], budget)]
+
+
+def _polish(tracker: Tracker, budget: int | None, seed: int) -> None:
+    descend(tracker, tracker.problem.start, _POLISH_ITERATIONS)
 
 
 def started(twin: TwinModel, space: Space, knobs: Sequence[Knob]) -> TwinModel:
@@ -126,71 +145,12 @@ def started(twin: TwinModel, space: Space, knobs: Sequence[Knob]) -> TwinModel:
     return twin.changed(twin.terms.with_parameters(values))
 
 
-def error(twin: TwinModel, recordings: Sequence[Aligned], objective: Sequence[str]) -> float:
-    """Mean squared error (rad^2) over the objective's joints, recordings weighted by their samples."""
-    joints = pooled([compare_recording(twin, r) for r in recordings])
+def judged(twin: TwinModel, recordings: Sequence[Aligned], objective: Sequence[str]) -> tuple[float, list[Aligned]]:
+    """(mean squared error in rad^2 over the objective's joints, the recordings aligned to this twin)."""
+    comparisons = [compare_recording(twin, r) for r in recordings]
+    joints = pooled(comparisons)
     values = [joints[name].mse_rad2 for name in objective if name in joints]
-    return float(np.mean(values))
-
-
-_POLISH_ITERATIONS = 10
-
-
-class _Interrupted(Exception):
-    def __init__(self, units: dict[str, float]) -> None:
-        self.units = units
-
-
-def _run(
-    problems: Sequence[SubProblem],
-    search: str,
-    budget: int | None,
-    seed: int,
-    progress: Progress | None,
-    history: list[float],
-    earlier: dict[str, float],
-) -> dict[str, float]:
-    """Searches one sub-problem after another; the history is of their weighted sum, as one falling curve."""
-    units = dict(earlier)
-    best = {i: float("nan") for i in range(len(problems))}
-    for i, sub in enumerate(problems):
-        best[i] = float(sub.problem.mse(sub.start(units)[None])[0]) * sub.weight
-    share = None if budget is None else max(1, budget // len(problems))
-    for i, sub in enumerate(problems):
-        others = sum(value for j, value in best.items() if j != i)
-
-        def report(_: int, mse: float, weight: float = sub.weight, others: float = others) -> None:
-            if progress is not None:
-                progress(len(history) + len(tracker.history), mse * weight + others)
-
-        problem = _restarted(sub, units)
-        tracker = Tracker(problem, report)
-        stopped = False
-        try:
-            if search == _POLISH:
-                descend(tracker, problem.start, _POLISH_ITERATIONS)
-            else:
-                SEARCHES[search](tracker, share, seed)
-        except KeyboardInterrupt:
-            stopped = True
-        if np.isfinite(tracker.best_mse):
-            units.update(zip((k.name for k in problem.knobs), map(float, tracker.best), strict=True))
-            best[i] = tracker.best_mse * sub.weight
-        history.extend(_falling(history, [mse * sub.weight + others for mse in tracker.history]))
-        if stopped:
-            raise _Interrupted(units)
-    return units
-
-
-def _restarted(sub: SubProblem, units: dict[str, float]) -> Problem:
-    values = sub.problem.values(sub.start(units))
-    knobs = tuple(replace(k, start=float(v)) for k, v in zip(sub.problem.knobs, values, strict=True))
-    p = sub.problem
-    return Problem(p.twin, p.recordings, knobs, p.objective, threads=p.threads)
-
-
-def _falling(history: list[float], new: list[float]) -> list[float]:
-    return list(np.minimum.accumulate([*history[-1:], *new]))[len(history[-1:]) :]
+    return float(np.mean(values)), [c.aligned for c in comparisons]
 
 
 def _fitted(problems: Sequence[SubProblem], units: dict[str, float]) -> dict[str, FittedParameter]:

@@ -78,9 +78,7 @@ def intervals(
     return [_interval(problem, point, sigma, correlation, index) for index in range(len(point))]
 
 
-def _interval(
-    problem: Problem, point: np.ndarray, sigma: np.ndarray, correlation: np.ndarray, index: int
-) -> Interval:
+def _interval(problem: Problem, point: np.ndarray, sigma: np.ndarray, correlation: np.ndarray, index: int) -> Interval:
     knob = problem.knobs[index]
     value = knob.value(point[index])
     half = 1.96 * sigma[index]

@@ -14,7 +14,7 @@ from twin_daemon.fitting.knobs import Knob
 from twin_daemon.simulation.alignment import Aligned, resample
 from twin_daemon.simulation.parameters import KINDS
 from twin_daemon.simulation.rollout import roll_out
-from twin_daemon.simulation.terms import EffectTerm
+from twin_daemon.simulation.terms import EffectTerm, Terms
 from twin_daemon.simulation.twin import TwinModel
 
 _DIVERGED_RAD = 10.0  # what a simulation that left the finite numbers counts as
@@ -55,7 +55,7 @@ class Problem:
         refs = [twin.parameter(w[1]) for knob in knobs for w in knob.writes if w[0] == "parameter"]
         # in the kinds' order: a spring's stiffness is written before its preload
         self._refs = {ref.name: ref for ref in sorted(refs, key=lambda ref: list(KINDS).index(ref.kind.key))}
-        self._scales = {name: ref.read(twin.model) for name, ref in self._refs.items()}
+        self._scales = {name: ref.read(twin.base_model) for name, ref in self._refs.items()}
         self._constants = any(ref.kind.constants for ref in self._refs.values())
         self._grids = [np.arange(int(np.ceil(r.time_s[-1] / twin.model.opt.timestep)) + 1) for r in recordings]
         self._starts = [r.start_state(twin) for r in recordings]
@@ -78,20 +78,22 @@ class Problem:
     def candidate(self, unit: np.ndarray) -> Candidate:
         """Builds the model, measurement model and onsets of one point."""
         parameters, effects, onsets = self.settings(unit)
-        if effects is None:
-            model, measurement = copy.copy(self.twin.model), self.twin.measurement
-        else:
-            spec, measurement = self.twin.build(effects)
-            model = spec.compile()
+        if effects is not None or self.twin.terms.effects:
+            # effects share parameters out between elements of their own: they are built anew around them
+            terms = Terms(
+                parameters={**self.twin.terms.parameters, **parameters},
+                effects=self.twin.terms.effects if effects is None else effects,
+            )
+            built = self.twin.changed(terms)
+            return Candidate(built.model, built.measurement, onsets)
+        model, measurement = copy.copy(self.twin.model), self.twin.measurement
         for name, value in parameters.items():
             self._refs[name].write(model, value)
         if self._constants:
             mujoco.mj_setConst(model, mujoco.MjData(model))
         return Candidate(model, measurement, onsets)
 
-    def settings(
-        self, unit: np.ndarray
-    ) -> tuple[dict[str, float], tuple[EffectTerm, ...] | None, tuple[float, ...]]:
+    def settings(self, unit: np.ndarray) -> tuple[dict[str, float], tuple[EffectTerm, ...] | None, tuple[float, ...]]:
         """(parameters by name, effects or None where no knob turns one, onset of each recording) of a point."""
         parameters: dict[str, float] = {}
         effects = {(t.effect, t.target): dict(t.values) for t in self.twin.terms.effects}

@@ -29,6 +29,13 @@ class SubProblem:
         own = self.problem.start
         return np.array([units.get(k.name, u) for k, u in zip(self.problem.knobs, own, strict=True)])
 
+    def restarted(self, units: dict[str, float]) -> Problem:
+        """The same problem with what is already known as its start."""
+        old = self.problem
+        values = old.values(self.start(units))
+        knobs = tuple(replace(k, start=float(v)) for k, v in zip(old.knobs, values, strict=True))
+        return Problem(old.twin, old.recordings, knobs, old.objective, threads=old.threads)
+
     def parameters(self, units: dict[str, float]) -> dict[str, float]:
         """The model parameters by name at a point."""
         return self.problem.settings(self.start(units))[0]

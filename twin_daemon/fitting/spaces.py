@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -86,31 +85,21 @@ def objective_of(space: Space, twin: TwinModel, moving: tuple[str, ...]) -> tupl
     wanted = [j for item in space.objective for j in groups.get(item, [item])]
     chosen = tuple(j for j in moving if not wanted or j in wanted)
     if not chosen:
-        raise BadInput(f"no joint of space '{space.name}' moves in this recording", todo="Record a motion of its joints")
+        raise BadInput(
+            f"no joint of space '{space.name}' moves in this recording", todo="Record a motion of its joints"
+        )
     return chosen
 
 
 def _members(
     entry: SpaceEntry, kind: ParameterKind, twin: TwinModel, moving: tuple[str, ...]
 ) -> list[tuple[str, list[str]]]:
-    groups = twin.hand.description.groups
+    """(label, parameters that it turns) of each knob of an entry."""
     out: list[tuple[str, list[str]]] = []
     for item in entry.of:
-        if item == "moving":
-            names = list(moving)
-        elif item == "driving":
-            names = [a for a, row in zip(twin.actuators, twin.drive, strict=True)
-                     if any(row[twin.joints.index(j)] for j in moving)]  # fmt: skip
-        elif item == "bodies":
-            names = _moved_bodies(twin, moving)
-        else:
-            names = list(groups.get(item, [item]))
-        if kind.element == "tendon":
-            names = [n for n in names if twin.place(n).tendon is not None]
-        if kind.element in ("joint", "tendon") and item in groups:
+        names = [n for n in _named(item, twin, moving) if kind.element == "body" or _has(kind, n, twin)]
+        if kind.element in ("joint", "tendon") and item in twin.hand.description.groups:
             names = [n for n in names if n in moving]
-        if kind.key in ("range_lower", "range_upper"):
-            names = [n for n in names if twin.base_model.joint(twin.place(n).joint).id in _limited(twin)]
         if entry.share:
             out.append((f"{item}.{kind.key}", [f"{n}.{kind.key}" for n in names]))
         else:
@@ -118,8 +107,26 @@ def _members(
     return out
 
 
-def _limited(twin: TwinModel) -> set[int]:
-    return set(map(int, np.flatnonzero(twin.base_model.jnt_limited)))
+def _named(item: str, twin: TwinModel, moving: tuple[str, ...]) -> list[str]:
+    """What one word of `of` stands for: 'moving', 'driving', 'bodies', a group, or itself."""
+    if item == "moving":
+        return list(moving)
+    if item == "driving":
+        columns = [twin.joints.index(joint) for joint in moving]
+        return [name for name, row in zip(twin.actuators, twin.drive, strict=True) if row[columns].any()]
+    if item == "bodies":
+        return _moved_bodies(twin, moving)
+    return list(twin.hand.description.groups.get(item, [item]))
+
+
+def _has(kind: ParameterKind, name: str, twin: TwinModel) -> bool:
+    """Whether there is anything to turn: a joint without a tendon or without limits has no such parameter."""
+    place = twin.place(name)
+    if kind.element == "tendon":
+        return place.tendon is not None
+    if kind.key in ("range_lower", "range_upper") and place.joint is not None:
+        return bool(twin.base_model.jnt_limited[twin.base_model.joint(place.joint).id])
+    return True
 
 
 def _moved_bodies(twin: TwinModel, moving: tuple[str, ...]) -> list[str]:
@@ -128,17 +135,16 @@ def _moved_bodies(twin: TwinModel, moving: tuple[str, ...]) -> list[str]:
     return list(dict.fromkeys(body.name for body in bodies if body.mass[0] > 0))
 
 
-def _knob(
-    entry: SpaceEntry, kind: ParameterKind, twin: TwinModel, label: str, members: list[str], space: str
-) -> Knob:
+def _knob(entry: SpaceEntry, kind: ParameterKind, twin: TwinModel, label: str, members: list[str], space: str) -> Knob:
     current = float(twin.parameter(members[0]).read(twin.model))
     start = current if entry.start is None else entry.start
     lower = kind.lower if entry.lower is None else entry.lower
     upper = kind.upper if entry.upper is None else entry.upper
-    if entry.within is not None or entry.reach is not None:
+    boxed = entry.within is not None or entry.reach is not None
+    if boxed:
         reach = entry.reach if entry.within is None else entry.within * abs(start)
         if not reach:
-            raise BadInput(f"space '{space}': {label} starts at 0, so +-{entry.within:.0%} of it is nothing")
+            raise BadInput(f"space '{space}': {label} starts at 0, and a fraction of that is nothing", todo="Use reach")
         lower, upper = start - reach, start + reach
         # a box around a positive parameter may not reach below zero: such friction does not exist
         lower, upper = max(lower, kind.lower), min(upper, kind.upper)
@@ -156,7 +162,7 @@ def _knob(
         lower=lower,
         upper=upper,
         start=float(min(max(start, lower), upper)),
-        log=kind.log and lower > 0 and entry.within is None and entry.reach is None,
+        log=kind.log and lower > 0 and not boxed,
         writes=tuple(("parameter", name) for name in members),
         joints=joints,
     )

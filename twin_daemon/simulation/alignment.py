@@ -69,6 +69,10 @@ class Aligned:
         return twin.initial_qpos(position), qvel
 
 
+_ONSET_GRIDS = ((0.2, 9), (0.05, 5), (0.0125, 5))
+"""Roll-outs that look for an onset: reach (s) about the best so far, and how many."""
+
+
 def _start(time_s: np.ndarray, values: np.ndarray) -> tuple[float, float]:
     """(position, velocity) at time 0 from one joint's samples; at rest unless the first ones clearly move."""
     known = np.isfinite(values)
@@ -164,16 +168,16 @@ def model_onset(twin: TwinModel, aligned: Aligned, *, threads: int | None = None
     Starts from the raw command's onset; the model brings a lag of its own, so its command has to lead.
     """
     onset = command_onset(twin, aligned)
-    span = 0.2
-    for _ in range(3):
-        trials = onset + np.linspace(-span, span, 9)
+    use = [u for u in range(len(twin.actuators)) if (twin.drive[u] != 0)[aligned.moving].any()]
+    if not use:
+        return onset
+    for span, count in _ONSET_GRIDS:
+        trials = onset + np.linspace(-span, span, count)
         predicted = predict(twin, aligned, onsets_s=trials, threads=threads)
-        actuated = np.einsum("uj,bnj->bun", twin.drive, predicted - aligned.measured)
-        use = [u for u in range(len(twin.actuators)) if (twin.drive[u] != 0)[aligned.moving].any()]
-        errors = np.nanmean(actuated[:, use] ** 2, axis=(1, 2))
+        actuated = np.einsum("uj,bnj->bun", twin.drive[use], predicted - aligned.measured)
+        errors = np.nanmean(actuated**2, axis=(1, 2))
         errors = np.where(np.isfinite(errors), errors, np.inf)
         onset = _parabola(trials, errors)
-        span /= 4.0
     return onset
 
 

@@ -113,9 +113,7 @@ def _tendon_kind(key: str, field: str, attribute: str, unit: str, upper: float) 
     def edit(tendon: Any, value: float) -> None:
         _set_first(tendon, attribute, value)
 
-    return ParameterKind(
-        key, "tendon", unit, 1e-5, upper, True, lambda m, t: float(getattr(m, field)[t]), write, edit
-    )
+    return ParameterKind(key, "tendon", unit, 1e-5, upper, True, lambda m, t: float(getattr(m, field)[t]), write, edit)
 
 
 def _scale_mass(model: mujoco.MjModel, body: int, value: float) -> None:
@@ -229,4 +227,7 @@ KINDS: dict[str, ParameterKind] = {
         _com_kind(2),
     )
 }
-"""Every kind of parameter by its key. `preload` is the spring's torque at angle 0; `inertia` is the sum of the three principal moments."""
+"""Every kind of parameter by its key.
+
+`preload` is the spring's torque at angle 0; `inertia` is the sum of the three principal moments.
+"""

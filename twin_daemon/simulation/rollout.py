@@ -34,9 +34,9 @@ def roll_out(
     """Positions of every simulation, (B, T + 1, nq), the initial state first.
 
     `models` has B models of the same sizes, or one for all. `controls` is (B or 1, T, nu): row k is applied
-    during step k; actuators beyond its columns get 0. `qpos` is (B or 1, nq), `qvel` (B or 1, nv), zero where not given. Delay buffers start full
-    of the first control, as if the hand had been told so for ever. From the step at which MuJoCo warns
-    (a state that is not finite or diverges) a simulation's positions are NaN.
+    during step k; actuators beyond its columns get 0. `qpos` is (B or 1, nq), `qvel` (B or 1, nv), zero where
+    not given. Delay buffers start full of the first control, as if the hand had been told so for ever. From the
+    step at which MuJoCo warns (a state that is not finite or diverges) a simulation's positions are NaN.
     """
     count = max(len(models), len(controls), len(qpos))
     first = models[0]
@@ -72,9 +72,7 @@ def _row(index: int, array: np.ndarray) -> int:
     return index if len(array) > 1 else 0
 
 
-def _initial_state(
-    model: mujoco.MjModel, control: np.ndarray, qpos: np.ndarray, qvel: np.ndarray | None
-) -> np.ndarray:
+def _initial_state(model: mujoco.MjModel, control: np.ndarray, qpos: np.ndarray, qvel: np.ndarray | None) -> np.ndarray:
     data = mujoco.MjData(model)
     data.qpos[:] = qpos
     if qvel is not None:
@@ -95,7 +93,9 @@ def settle_actuators(model: mujoco.MjModel, data: mujoco.MjData, control: np.nda
             times = data.time + (np.arange(samples) - samples) * model.opt.timestep
             mujoco.mj_initCtrlHistory(model, data, actuator, times, np.full(samples, control[actuator]))
         activation = int(model.actuator_actadr[actuator])
-        if activation >= 0 and model.actuator_dyntype[actuator] in _FILTERS:
+        kind = model.actuator_dyntype[actuator]
+        ramped = kind == mujoco.mjtDyn.mjDYN_PID and model.actuator_dynprm[actuator, 1] > 0.0
+        if activation >= 0 and (kind in _FILTERS or ramped):
             data.act[activation] = control[actuator]
 
 

@@ -7,6 +7,7 @@ when it moves, and is welded where it stands when it does not.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -64,7 +65,7 @@ def parts(twin: TwinModel) -> tuple[Part, ...]:
 def _part_name(twin: TwinModel, members: tuple[str, ...]) -> str:
     """The smallest named group that holds all of the part's joints."""
     fitting = [(len(g), name) for name, g in twin.hand.description.groups.items() if set(members) <= set(g)]
-    return min(fitting)[1] if fitting and len(members) > 1 else members[0]
+    return min(fitting)[1] if fitting and len(members) > 1 else next(iter(members))
 
 
 def _ancestors(model: mujoco.MjModel, body: int) -> set[int]:
@@ -78,6 +79,39 @@ def _ancestors(model: mujoco.MjModel, body: int) -> set[int]:
 def _branches(carried: list[str], bodies: dict[str, int], ancestors: dict[str, set[int]]) -> bool:
     heads = [c for c in carried if not any(bodies[o] in ancestors[c] and bodies[o] != bodies[c] for o in carried)]
     return len({bodies[h] for h in heads}) > 1
+
+
+def touching_parts(twin: TwinModel, found: Sequence[Part], poses: np.ndarray) -> set[frozenset[str]]:
+    """Pairs of parts (by name) that touch in any of the true poses (n, j) rad; a part that touches itself or the
+    trunk comes alone."""
+    model, data = twin.base_model, mujoco.MjData(twin.base_model)
+    if not model.ngeom:
+        return set()
+    owner = {}
+    for part in found:
+        for name in part.joints:
+            owner[int(model.joint(twin.hand.description.joints[name].joint).bodyid[0])] = part.name
+    of_body = [next((owner[b] for b in _upwards(model, body) if b in owner), "trunk") for body in range(model.nbody)]
+    addresses = [int(model.joint(twin.hand.description.joints[n].joint).qposadr[0]) for n in twin.joints]
+    pairs: set[frozenset[str]] = set()
+    for pose in poses:
+        known = np.isfinite(pose)
+        data.qpos[np.array(addresses)[known]] = pose[known]
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_collision(model, data)
+        for contact in data.contact[: data.ncon]:
+            bodies = [int(model.geom_bodyid[geom]) for geom in (contact.geom1, contact.geom2)]
+            pairs.add(frozenset(of_body[body] for body in bodies))
+    return pairs
+
+
+def _upwards(model: mujoco.MjModel, body: int) -> list[int]:
+    chain = [body]
+    while body:
+        body = int(model.body_parentid[body])
+        chain.append(body)
+    return chain
 
 
 def submodel(twin: TwinModel, keep: tuple[str, ...], position: np.ndarray, *, contacts: bool = False) -> TwinModel:
@@ -155,5 +189,14 @@ def _weld(spec: Any, joint_name: str, angle: float) -> None:
 def _strip(spec: Any, model: mujoco.MjModel) -> None:
     for body in spec.bodies[1:]:
         make_inertia_explicit(body, model.body(body.name))
-    for element in [*spec.excludes, *spec.pairs, *spec.geoms, *spec.meshes, *spec.cameras, *spec.lights, *spec.materials, *spec.textures]:
+    for element in [
+        *spec.excludes,
+        *spec.pairs,
+        *spec.geoms,
+        *spec.meshes,
+        *spec.cameras,
+        *spec.lights,
+        *spec.materials,
+        *spec.textures,
+    ]:
         spec.delete(element)

@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 
 from twin_daemon.effects import LIBRARY
+from twin_daemon.effects.mjcf_text import mjcf_text
 from twin_daemon.effects.base import Measurement, Place, Scale, motor_joint
 from twin_daemon.errors import BadInput, nearest
 from twin_daemon.hand.description import Hand
@@ -87,6 +88,12 @@ class TwinModel:
         """Another twin of the same hand: the same nominal model with other terms."""
         return TwinModel(self.hand, self.nominal, terms)
 
+    def at_step(self, step_s: float) -> TwinModel:
+        """The same twin at another time step."""
+        nominal = self.nominal.copy()
+        nominal.option.timestep = step_s
+        return TwinModel(self.hand, nominal, self.terms)
+
     # -- names ---------------------------------------------------------------------------------------------
 
     def _map_names(self) -> None:
@@ -96,7 +103,7 @@ class TwinModel:
         self.joints = tuple(name for name, _ in present)
         self._joint_names = tuple(joint for _, joint in present)
         by_actuator = {info.actuator: name for name, info in description.commands.items()}
-        names = [model.actuator(i).name for i in range(model.nu)]
+        names = [str(model.actuator(i).name) for i in range(model.nu)]
         self.actuators = tuple(by_actuator.get(name, name) for name in names)
 
     @cached_property
@@ -119,7 +126,9 @@ class TwinModel:
         command = match(target, self.actuators)
         if joint_name is None and command is None:
             known = [*self.joints, *(a for a in self.actuators if a not in self.joints)]
-            raise BadInput(f"no joint or command '{target}'", where=self.hand.description.name, todo=nearest(target, known))
+            raise BadInput(
+                f"no joint or command '{target}'", where=self.hand.description.name, todo=nearest(target, known)
+            )
         return self._places[joint_name or command or ""]
 
     @cached_property
@@ -159,7 +168,7 @@ class TwinModel:
         kp = float(model.actuator_gainprm[actuator, 0]) if actuator is not None else 1.0
         limited = actuator is not None and model.actuator_forcelimited[actuator]
         force = float(model.actuator_forcerange[actuator, 1]) if limited else 0.1 * kp
-        low, high = (model.jnt_range[joints].sum(axis=0) if joints else (-np.pi, np.pi))
+        low, high = model.jnt_range[joints].sum(axis=0) if joints else (-np.pi, np.pi)
         return Scale(
             kp=kp,
             force_nm=force,
@@ -246,7 +255,7 @@ class TwinModel:
             if sources and all(source is not None for source in sources):
                 for j, source in zip(driven, sources, strict=True):
                     mapping[actuator, names.index(source)] = self.drive[actuator, j]
-        return mapping, mapping.any(axis=1)
+        return mapping, np.any(mapping, axis=1)
 
     def control(self, names: Sequence[str], position: np.ndarray, previous: np.ndarray) -> np.ndarray:
         """Controls (nu,) after a message with targets (k,) by name; what it does not say stays as `previous`."""
@@ -277,7 +286,7 @@ class TwinModel:
 
     def mjcf(self) -> str:
         """This twin as one plain, self-contained MJCF."""
-        return inline_meshes(self.spec, self.model).to_xml()
+        return mjcf_text(inline_meshes(self.spec, self.model))
 
 
 def driven_joints(model: mujoco.MjModel, actuator: int) -> list[tuple[int, float]]:

@@ -15,18 +15,22 @@ from twin_daemon.fitting.searches.least_squares import descend, jacobian
 from twin_daemon.fitting.tracker import Tracker
 
 _DIMENSIONS = 6
+_CALLS = 60
 _POLISH_ITERATIONS = 8
 
 
 def bayes(tracker: Tracker, budget: int | None, seed: int) -> None:
-    """`budget` calls of the Gaussian process search (60 by default), then the polish."""
+    """The Gaussian process asks 60 times, or, where that is less, for half of what the screening leaves."""
     from skopt import Optimizer  # imports scikit-learn, which takes a second
 
-    problem = tracker.problem
-    start = problem.start
-    strength = np.linalg.norm(jacobian(tracker, start), axis=0)
-    chosen = np.sort(np.argsort(strength)[::-1][:_DIMENSIONS])
-    calls = 60 if budget is None else max(budget - len(problem.knobs) - 1, 4)
+    start = tracker.problem.start
+    first_cost = float(tracker.cost(start[None])[0])
+    chosen = np.arange(len(start))
+    screening = 2 * len(start)
+    if len(start) > _DIMENSIONS and (budget is None or budget > 2 * screening):
+        strength = np.linalg.norm(jacobian(tracker, start), axis=0)
+        chosen = np.sort(np.argsort(strength)[::-1][:_DIMENSIONS])
+    calls = _CALLS if budget is None else min(_CALLS, max((budget - len(tracker.history)) // 2, 4))
     optimizer = Optimizer(
         [(0.0, 1.0)] * len(chosen),
         base_estimator="GP",
@@ -34,11 +38,10 @@ def bayes(tracker: Tracker, budget: int | None, seed: int) -> None:
         initial_point_generator="sobol",
         random_state=seed,
     )
-    first_cost = float(tracker.cost(start[None])[0])
     with warnings.catch_warnings():
         # the Gaussian process warns when a point comes up twice or a length scale meets its bound
         warnings.simplefilter("ignore")
-        optimizer.tell([float(v) for v in start[chosen]], np.log(first_cost))
+        optimizer.tell([float(v) for v in start[chosen]], float(np.log(max(first_cost, 1e-12))))
         for _ in range(calls):
             asked = optimizer.ask()
             point = start.copy()

@@ -21,67 +21,66 @@ _ROUGH_ITERATIONS = 6
 _STEP = 1e-3  # of the box: steps over what friction and a delay buffer make rough
 _STALLED = 3e-3  # a relative gain below this in each of the last iterations: it has arrived
 _PATIENCE = 3
+_DAMPING_FACTOR = 4.0  # a rejected step is a roll-out on one core alone: find a good damping in few of them
 
 
 def least_squares(tracker: Tracker, budget: int | None, seed: int) -> None:
-    """From several starts; `budget` bounds the evaluations, by default until every start has converged."""
-    problem = tracker.problem
-    start = problem.start
-    sample = qmc.Sobol(len(start), seed=seed).random(_SAMPLES)
-    # half of the sample stays near the model, which is seldom wrong by the whole box
-    sample[::2] = np.clip(start + 0.3 * (sample[::2] - 0.5), 0.0, 1.0)
-    costs = tracker.cost(sample)
-    starts = [start, *sample[np.argsort(costs)[: _STARTS - 1]]]
-    limit = np.inf if budget is None else budget
-    ends = []
-    for point in starts:
-        if len(tracker.history) < limit:
-            ends.append(descend(tracker, point, _ROUGH_ITERATIONS, limit))
-    ends.sort(key=lambda end: end[1])
-    for point, _ in ends[:1]:
-        if len(tracker.history) < limit:
-            descend(tracker, point, _ITERATIONS, limit)
+    """A rough descent from each of several starts, then the best of them to its end.
+
+    A budget that does not even pay for a few Jacobians is spent on the model's own start.
+    """
+    start = tracker.problem.start
+    starts = [start]
+    if budget is None or budget > _SAMPLES + _STARTS * len(start):
+        sample = qmc.Sobol(len(start), rng=seed).random(_SAMPLES)
+        # half of the sample stays near the model, which is seldom wrong by the whole box
+        sample[::2] = np.clip(start + 0.3 * (sample[::2] - 0.5), 0.0, 1.0)
+        sample[0] = start
+        costs = tracker.cost(sample)
+        starts += list(sample[1:][np.argsort(costs[1:])[: _STARTS - 1]])
+    ends = [descend(tracker, point, _ROUGH_ITERATIONS) for point in starts]
+    best, _ = min(ends, key=lambda end: end[1])
+    descend(tracker, best, _ITERATIONS)
 
 
-class _Ended(Exception):
-    """The descent is over: its budget is spent, or it has arrived."""
+class _Arrived(Exception):
+    """The descent no longer gains."""
 
 
-def descend(
-    tracker: Tracker, start: np.ndarray, iterations: int, limit: float = np.inf
-) -> tuple[np.ndarray, float]:
-    """One bounded Levenberg-Marquardt descent: (end point, its cost). Ends early where the limit is reached."""
-    best = [np.array(start), np.inf]
+def descend(tracker: Tracker, start: np.ndarray, iterations: int) -> tuple[np.ndarray, float]:
+    """One bounded Levenberg-Marquardt descent: (end point (p,), its cost)."""
+    best = np.clip(start, 0.0, 1.0)
+    best_cost = np.inf
 
     def residual(columns: np.ndarray) -> np.ndarray:
-        if len(tracker.history) >= limit:
-            raise _Ended
-        rows = tracker.residuals(np.atleast_2d(columns.T))
+        nonlocal best, best_cost
+        points = np.atleast_2d(columns.T)
+        rows = tracker.residuals(points)
         cost = (rows**2).sum(axis=1)
         index = int(np.argmin(cost))
-        if cost[index] < best[1]:
-            best[:] = [np.clip(np.atleast_2d(columns.T)[index], 0.0, 1.0), float(cost[index])]
+        if cost[index] < best_cost:
+            best, best_cost = np.clip(points[index], 0.0, 1.0), float(cost[index])
         return rows.T
 
     def stop_when_stalled(trace: list) -> None:
         costs = [entry.objective for entry in trace[-_PATIENCE - 1 :]]
         if len(costs) > _PATIENCE and costs[0] - costs[-1] < _STALLED * abs(costs[0]):
-            raise _Ended
+            raise _Arrived
 
-    bounds = [np.zeros(len(start)), np.ones(len(start))]
-    with contextlib.suppress(_Ended):
+    with contextlib.suppress(_Arrived):
         minimize.least_squares(
-            np.clip(start, 0.0, 1.0),
+            best,
             residual,
-            bounds=bounds,
+            bounds=[np.zeros(len(start)), np.ones(len(start))],
             eps=_STEP,
+            mu_factor=_DAMPING_FACTOR,
             max_iter=iterations,
             xtol=1e-5,
             gtol=1e-10,
             iter_callback=stop_when_stalled,
             verbose=minimize.Verbosity.SILENT,
         )
-    return best[0], best[1]
+    return best, best_cost
 
 
 def jacobian(tracker: Tracker, point: np.ndarray, step: float = 1e-2) -> np.ndarray:
@@ -89,6 +88,6 @@ def jacobian(tracker: Tracker, point: np.ndarray, step: float = 1e-2) -> np.ndar
     identity = np.eye(len(point)) * step
     upper = np.clip(point + identity, 0.0, 1.0)
     lower = np.clip(point - identity, 0.0, 1.0)
-    rows = tracker.problem.residuals(np.concatenate([upper, lower]))
+    rows = tracker.residuals(np.concatenate([upper, lower]))
     width = np.diag(upper - lower)
     return ((rows[: len(point)] - rows[len(point) :]) / width[:, None]).T
