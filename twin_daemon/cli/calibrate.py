@@ -10,9 +10,10 @@ from twin_daemon.cli import options
 from twin_daemon.cli.check import warn_before_fit
 from twin_daemon.cli.console import emit_json, people, plain_text, progress_console
 from twin_daemon.cli.session import Session, open_session
+from twin_daemon.cli.tables import by_kind, place_of, slim_table
 
 if TYPE_CHECKING:
-    from twin_daemon.fitting.calibrate import Calibration
+    from twin_daemon.fitting.calibrate import Calibration, FittedParameter
     from twin_daemon.simulation.alignment import Aligned
 
 SearchName = Annotated[
@@ -37,7 +38,7 @@ def command(
 ) -> None:
     """Fit parameters, judge them on motion they have not seen, and store a candidate version.
 
-    Ctrl-C keeps the best so far. Without --holdout the last third of the recording is held out.
+    Ctrl-C keeps the best so far. Without --holdout every third stretch of time of the recordings is held out.
     """
     from twin_daemon.comparison.split import hold_out
     from twin_daemon.fitting.calibrate import calibrate
@@ -50,7 +51,7 @@ def command(
     notes = warn_before_fit(session, train)
     if not held:
         train, held = hold_out(train)
-        notes.append("no --holdout: the last third of each recording is held out; intervals are wider for it")
+        notes.append("no --holdout: every third stretch of each recording is held out, so the intervals are wider")
     with progress_bar(f"{search} over '{chosen.name}'", budget) as report:
         result = calibrate(session.twin, train, held, chosen, search, budget=budget, seed=seed, progress=report)
     stored = store(session, result, train, held, chosen.name, search, budget, seed)
@@ -165,21 +166,28 @@ def _payload(result: Calibration, stored: str, notes: list[str], space: str, sea
     }
 
 
-def _show(payload: dict[str, Any], result: Calibration, json: str | None) -> None:
-    from rich.table import Table
+def _said(parameter: FittedParameter) -> str:
+    words = parameter.interval.identifiability.replace("_", " ")
+    if parameter.at_bound:
+        words += ", on its bound"
+    if parameter.interval.confused_with:
+        words += f", trades off with {plain_text(parameter.interval.confused_with)}"
+    return words
 
+
+def _show(payload: dict[str, Any], result: Calibration, json: str | None) -> None:
     console = people(json)
-    table = Table(title=f"parameters of '{plain_text(payload['space'])}'", title_justify="left")
-    for heading in ("parameter", "value", "95 % interval", "unit", "the data say"):
-        table.add_column(heading, justify="right" if heading in ("value", "95 % interval") else "left")
-    for name, p in result.parameters.items():
-        said = p.interval.identifiability.replace("_", " ")
-        if p.interval.confused_with:
-            said += f", trades off with {p.interval.confused_with}"
-        if p.at_bound:
-            said += "; ON ITS BOUND"
-        span = f"{p.interval.lower:.3g} .. {p.interval.upper:.3g}"
-        table.add_row(plain_text(name), f"{p.value:.4g}", span, p.unit, plain_text(said))
+    table = slim_table(
+        f"parameters of '{payload['space']}'",
+        ("parameter", "value", "95 % interval", "the data say"),
+        words=("the data say",),
+    )
+    for kind, names in by_kind(list(result.parameters)).items():
+        table.add_row(f"[bold]{plain_text(kind)}[/], {result.parameters[names[0]].unit}", "", "", "")
+        for name in names:
+            p = result.parameters[name]
+            span = f"{p.interval.lower:.3g} .. {p.interval.upper:.3g}"
+            table.add_row(place_of(name), f"{p.value:.4g}", span, _said(p))
     console.print(table)
     console.print(f"fitted:   {result.before_rad2:.4g} -> [bold]{result.after_rad2:.4g} rad²[/]")
     if result.holdout_after_rad2 is not None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from twin_daemon.cli import options
 from twin_daemon.cli.console import emit_json, people, plain_text
 from twin_daemon.cli.session import Session, open_session
+from twin_daemon.cli.tables import by_kind, place_of, slim_table
 
 if TYPE_CHECKING:
     from twin_daemon.simulation.alignment import Aligned
@@ -102,8 +103,6 @@ def warn_before_fit(session: Session, recordings: list[Aligned]) -> list[str]:
 
 
 def _show(report: dict[str, Any], json: str | None) -> None:
-    from rich.table import Table
-
     console = people(json)
     for one in report["recordings"]:
         rate = "unknown" if one["rate_hz"] is None else f"{one['rate_hz']:.1f} Hz"
@@ -114,17 +113,20 @@ def _show(report: dict[str, Any], json: str | None) -> None:
         )
         for warning in one["warnings"]:
             console.print(f"  [bold]note[/]: {plain_text(warning)}")
-    table = Table(title=f"what a fit of '{plain_text(report['space'])}' would learn", title_justify="left")
-    for heading in ("parameter", "the data say", "not told apart from", "what would change that"):
-        table.add_column(heading)
-    for name, p in report["parameters"].items():
-        table.add_row(
-            plain_text(name),
-            p["verdict"].replace("_", " "),
-            plain_text(p["confused_with"] or ""),
-            p["advice"] or "",
-        )
+    table = slim_table(
+        f"what a fit of '{report['space']}' would learn",
+        ("parameter", "the data say", "not told apart from"),
+        words=("the data say", "not told apart from"),
+    )
+    parameters = report["parameters"]
+    for kind, names in by_kind(list(parameters)).items():
+        table.add_row(f"[bold]{plain_text(kind)}[/]", "", "")
+        for name in names:
+            p = parameters[name]
+            table.add_row(place_of(name), p["verdict"].replace("_", " "), plain_text(p["confused_with"] or ""))
     console.print(table)
+    for kind, names in by_kind([n for n, p in parameters.items() if p["advice"]]).items():
+        console.print(f"to learn [bold]{plain_text(kind)}[/]: {parameters[names[0]]['advice']}")
     counts = {v: sum(p["verdict"] == v for p in report["parameters"].values()) for v in _ORDER}
     console.print(", ".join(f"{count} {verdict.replace('_', ' ')}" for verdict, count in counts.items()))
 

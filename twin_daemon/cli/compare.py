@@ -10,6 +10,7 @@ import typer
 from twin_daemon.cli import options
 from twin_daemon.cli.console import emit_json, people, plain_text
 from twin_daemon.cli.session import open_session
+from twin_daemon.cli.tables import slim_table
 
 
 def command(
@@ -48,15 +49,12 @@ def command(
 
 
 def _show(report: dict[str, Any], json: str | None) -> None:
-    from rich.table import Table
-
     console = people(json)
     if report["mse_rad2"] is None:
         console.print("No joint moves by more than 0.05 rad in this recording: there is nothing to compare.")
         return
-    table = Table(title=f"{plain_text(report['hand'])}: measured against twin", title_justify="left")
-    for heading in ("joint", "mse (rad²)", "rmse (mrad)", "max (mrad)", "bias (mrad)", "lag (ms)", "noise (mrad)"):
-        table.add_column(heading, justify="left" if heading == "joint" else "right")
+    headings = ("joint", "mse rad²", "rmse mrad", "max mrad", "bias mrad", "lag ms", "noise mrad")
+    table = slim_table(f"{report['hand']}: measured against twin", headings)
     moving = [(name, joint) for name, joint in report["joints"].items() if joint.moves]
     for name, joint in sorted(moving, key=lambda item: -item[1].mse_rad2):
         lag = "-" if joint.lag_s is None else f"{1e3 * joint.lag_s:.0f}"

@@ -79,7 +79,7 @@ def _joint_errors(aligned: Aligned, predicted: np.ndarray) -> dict[str, JointErr
 
 
 def _lag(time_s: np.ndarray, measured: np.ndarray, predicted: np.ndarray) -> float | None:
-    """The shift of the prediction (s) that brings it closest to the measurement; None where it hardly moves."""
+    """The shift of the prediction (s) that brings it closest to the measurement; None where none can be told."""
     if np.ptp(predicted) < 1e-3 or time_s[-1] < 2 * _LAG_RANGE_S:
         return None
     inner = (time_s >= _LAG_RANGE_S) & (time_s <= time_s[-1] - _LAG_RANGE_S)
@@ -91,6 +91,8 @@ def _lag(time_s: np.ndarray, measured: np.ndarray, predicted: np.ndarray) -> flo
 
     grid = np.linspace(-_LAG_RANGE_S, _LAG_RANGE_S, 61)
     best = float(grid[int(np.argmin([error(lag) for lag in grid]))])
+    if abs(best) >= _LAG_RANGE_S:  # the best lies outside of what was looked at
+        return None
     found: Any = minimize_scalar(error, bounds=(best - 0.01, best + 0.01), method="bounded", options={"xatol": 1e-5})
     return float(found.x)
 

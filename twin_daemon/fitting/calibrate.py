@@ -10,6 +10,7 @@ import numpy as np
 
 from twin_daemon.comparison.compare import compare_recording, pooled
 from twin_daemon.errors import BadInput, nearest
+from twin_daemon.fitting.excerpts import excerpts
 from twin_daemon.fitting.intervals import Interval, intervals
 from twin_daemon.fitting.knobs import Knob
 from twin_daemon.fitting.partwise import PartwiseSearch
@@ -96,7 +97,7 @@ def calibrate(
         for stage, share in _stages(search, train, budget):
             if found.units:
                 aligned = judged(current(), train, objective)[1]
-            problems = reduced_problems(start, aligned, knobs, objective, separable=search == "least-squares")
+            problems = reduced_problems(start, excerpts(aligned), knobs, objective, separable=search == "least-squares")
             found.run(problems, stage, share, seed)
     except KeyboardInterrupt:
         if not found.units:  # nothing has been evaluated yet: there is nothing to keep

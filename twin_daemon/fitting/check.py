@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin_daemon.fitting.excerpts import excerpts
 from twin_daemon.fitting.intervals import Identifiability, intervals
 from twin_daemon.fitting.reduce import reduced_problems
 from twin_daemon.fitting.spaces import Space, knobs_of, objective_of
@@ -58,7 +59,7 @@ def prospects(twin: TwinModel, recordings: Sequence[Aligned], space: Space) -> d
     knobs = knobs_of(space, twin, moving)
     objective = objective_of(space, twin, moving)
     out: dict[str, Prospect] = {}
-    for sub in reduced_problems(twin, recordings, knobs, objective, separable=True):
+    for sub in reduced_problems(twin, excerpts(recordings), knobs, objective, separable=True):
         spans = intervals(sub.problem, sub.problem.start, error_floor_rad=MODEL_ERROR_RAD, expected=True)
         for knob, span in zip(sub.problem.knobs, spans, strict=True):
             kind = knob.name.rpartition(".")[2]

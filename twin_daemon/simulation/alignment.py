@@ -66,7 +66,8 @@ class Aligned:
         position = twin.measurement.invert(self.joints, self.start_position)
         qvel = np.zeros(twin.model.nv)
         qvel[twin.dof_adr] = self.start_velocity
-        return twin.initial_qpos(position), qvel
+        control = self.controls(twin, np.zeros(1))[0]
+        return twin.initial_qpos(position, control), qvel
 
 
 _ONSET_GRIDS = ((0.2, 9), (0.05, 5), (0.0125, 5))

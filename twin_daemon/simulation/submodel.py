@@ -121,7 +121,6 @@ def submodel(twin: TwinModel, keep: tuple[str, ...], position: np.ndarray, *, co
     commands that are gone are dropped.
     """
     spec = twin.nominal.copy()
-    model = twin.model
     joints = {name: info.joint for name, info in twin.hand.description.joints.items() if name in twin.joints}
     kept = {joints[name] for name in keep}
     for key in list(spec.keys):

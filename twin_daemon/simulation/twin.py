@@ -12,7 +12,7 @@ import numpy as np
 
 from twin_daemon.effects import LIBRARY
 from twin_daemon.effects.mjcf_text import mjcf_text
-from twin_daemon.effects.base import Measurement, Place, Scale, motor_joint
+from twin_daemon.effects.base import Measurement, Place, Scale, link_tendon, motor_joint
 from twin_daemon.errors import BadInput, nearest
 from twin_daemon.hand.description import Hand
 from twin_daemon.hand.naming import match
@@ -269,19 +269,26 @@ class TwinModel:
         missing = (~np.isfinite(controls)) | ~determined
         return np.where(missing, rest, controls)
 
-    def initial_qpos(self, position: np.ndarray) -> np.ndarray:
+    def initial_qpos(self, position: np.ndarray, control: np.ndarray | None = None) -> np.ndarray:
         """A model configuration (nq,) with the measured joints (j,) set; NaN leaves the model's default.
 
-        A motor-side joint that an effect has added starts where its transmission is at rest.
+        A motor-side joint that an effect has added starts where its transmission is at rest: at the joint, or,
+        within the play that the transmission has, where the controls (nu,) hold it.
         """
         qpos = self.model.qpos0.copy()
         known = np.isfinite(position)
         qpos[self.qpos_adr[known]] = np.asarray(position)[known]
         actuated = self.drive @ np.where(known, position, 0.0)
         for index, name in enumerate(self.actuators):
-            motor = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_JOINT, motor_joint(self.place(name)))
+            place = self.place(name)
+            motor = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_JOINT, motor_joint(place))
             if motor >= 0:
-                qpos[self.model.jnt_qposadr[motor]] = actuated[index]
+                start = actuated[index]
+                link = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_TENDON, link_tendon(place))
+                if control is not None and link >= 0 and self.model.tendon_limited[link]:
+                    half = float(self.model.tendon_range[link, 1])
+                    start = float(np.clip(control[index], start - half, start + half))
+                qpos[self.model.jnt_qposadr[motor]] = start
         return qpos
 
     def mjcf(self) -> str:
