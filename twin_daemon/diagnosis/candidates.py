@@ -36,7 +36,7 @@ class Hypothesis:
         knobs = []
         for p in self.effect.parameters:
             lower, upper = self._box(p)
-            if lower < upper:
+            if lower < upper and not p.held:
                 knobs.append(
                     Knob(
                         name=f"{self.name}.{p.name}",
@@ -58,6 +58,16 @@ class Hypothesis:
         # a model's own friction can be taken away once, not thirty times
         below = max(max(p.neutral - v for v in values), 0.0) * (1.9 if self.effect.key in OWN else _WIDER)
         return max(p.lower, p.neutral - below), min(p.upper, p.neutral + above)
+
+    def along(self, start: dict[str, float], amount: float) -> dict[str, float]:
+        """The values this far along the line from neutral to a start; logarithmic parameters stay as they are."""
+        amount = max(amount, 0.05)
+        values = {}
+        for p in self.effect.parameters:
+            far = start[p.name]
+            moved = far if p.log or p.held else p.neutral + amount * (far - p.neutral)
+            values[p.name] = float(min(max(moved, p.lower), p.upper))
+        return values
 
     def sensible(self) -> bool:
         """Whether the effect has anything to fit here."""

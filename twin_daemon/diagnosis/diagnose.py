@@ -11,11 +11,12 @@ import numpy as np
 from twin_daemon.diagnosis.candidates import Hypothesis, hypotheses
 from twin_daemon.diagnosis.gate import ADEQUATE, HeldOut, judge
 from twin_daemon.diagnosis.partfit import Fit, PartFit, knob_interval, unit_sigmas
+from twin_daemon.diagnosis.segments import segments
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding, FittedValue, Trial, VerdictName
 from twin_daemon.diagnosis.where import where_it_fails
-from twin_daemon.fitting.reduce import restricted, touching
+from twin_daemon.fitting.reduce import restricted
 from twin_daemon.simulation.alignment import Aligned
-from twin_daemon.simulation.submodel import parts, submodel
+from twin_daemon.simulation.submodel import Part, parts, submodel, touching_parts
 from twin_daemon.simulation.twin import TwinModel
 
 QUIET_CHI_SQUARE = 1.6
@@ -29,6 +30,7 @@ DECISIVE_NATS = 5.0
 
 _MOST_EFFECTS = 3
 _REFITTED = 10
+_POSES = 400
 _ITERATIONS = 8
 
 Stream = Callable[[str], None]
@@ -68,7 +70,7 @@ def diagnose(
     moving = [n for i, n in enumerate(twin.joints) if any(r.moving[i] for r in train) and (not joints or n in joints)]
     if not moving:
         return _nothing_moves(joints)
-    contacts = any(touching(twin, r) for r in [*train, *holdout])
+    touches = _touches(twin, [*train, *holdout])
     outcomes: list[_Outcome] = []
     interrupted = False
     accepted_terms = twin.terms
@@ -77,12 +79,12 @@ def diagnose(
         for part in parts(twin):
             own = [n for n in moving if n in part.joints]
             if own:
-                fits.append((_part(twin, train, own, part, contacts), part))
+                fits.append((_part(twin, train, own, part, touches), part))
         fits.sort(key=lambda item: -item[0].base.chi_square)
         for fit, part in fits:
             if accepted_terms is not twin.terms:
                 # an effect of the whole hand has been found in another part: look at this one with it
-                fit = _part(twin.changed(accepted_terms), train, list(fit.joints), part, contacts)
+                fit = _part(twin.changed(accepted_terms), train, list(fit.joints), part, touches)
             outcome = _search(fit, part.name, holdout, seed, say, most_effects)
             outcomes.append(outcome)
             for _, found, _, _ in outcome.accepted:
@@ -93,19 +95,37 @@ def diagnose(
     return _conclude(twin, train, outcomes, interrupted)
 
 
-def _part(twin: TwinModel, recordings: Sequence[Aligned], own: list[str], part: Any, contacts: bool) -> PartFit:
-    trunk = [n for n in part.trunk if any(r.moving[twin.joints.index(n)] for r in recordings)]
-    coupled = {twin.joints[j] for row in twin.drive for j in np.flatnonzero(row)
-               if {twin.joints[i] for i in np.flatnonzero(row)} & set(own)}  # fmt: skip
-    keep = tuple(n for n in twin.joints if n in own or n in trunk or n in coupled)
-    small = submodel(twin, keep, recordings[0].start_position, contacts=contacts)
-    return PartFit(small, [restricted(r, small.joints) for r in recordings], own)
+def _touches(twin: TwinModel, recordings: Sequence[Aligned]) -> set[frozenset[str]]:
+    poses = [twin.measurement.invert(twin.joints, r.measured[:: max(1, len(r.measured) // _POSES)]) for r in recordings]
+    return touching_parts(twin, parts(twin), np.concatenate(poses))
+
+
+def _part(
+    twin: TwinModel, recordings: Sequence[Aligned], own: list[str], part: Part, touches: set[frozenset[str]]
+) -> PartFit:
+    """The part's sub-model: its moving joints, what is coupled to them, and the parts that it touches."""
+    touched = {name for pair in touches if part.name in pair for name in pair}
+    beside = {n for p in parts(twin) if p.name in touched for n in p.joints}
+    moving = {n for i, n in enumerate(twin.joints) if any(r.moving[i] for r in recordings)}
+    # what it touches gives way, whether or not it was commanded
+    keep = {*own, *beside, *(moving & set(part.trunk))}
+    for row in twin.drive:
+        coupled = {twin.joints[j] for j in np.flatnonzero(row)}
+        if coupled & keep:
+            keep |= coupled
+    ordered = tuple(n for n in twin.joints if n in keep)
+    small = submodel(twin, ordered, recordings[0].start_position, contacts=bool(touched))
+    return PartFit(small, _pieces(small, recordings, own), own)
+
+
+def _pieces(small: TwinModel, recordings: Sequence[Aligned], own: Sequence[str]) -> list[Aligned]:
+    return [piece for r in recordings for piece in segments(restricted(r, small.joints), own)]
 
 
 def _search(
     part: PartFit, name: str, holdout: Sequence[Aligned], seed: int, say: Stream, most_effects: int
 ) -> _Outcome:
-    held = [restricted(r, part.twin.joints) for r in holdout]
+    held = _pieces(part.twin, holdout, part.joints)
     strained = {n: s for n, s in part.strained(part.base).items() if abs(s) > STRAINED_SIGMA}
     outcome = _Outcome(name, part.joints, part.base.chi_square, strained)
     base = judge(part, part.base, held, seed=seed)
@@ -152,6 +172,10 @@ def _step(
     fits: list[tuple[float, Fit]] = []
     for _, hypothesis, start in chosen:
         fit = part.refit(hypothesis, start, _ITERATIONS)
+        if fit is None:
+            outcome.tried.append(Trial(hypothesis.effect.key, hypothesis.target, 0.0, None, None,
+                                       "cannot stand beside the effects that the twin has"))  # fmt: skip
+            continue
         evidence = part.evidence(fit)
         fits.append((evidence, fit))
         say(f"  {hypothesis.name}: evidence {evidence:.0f} nats, {fit.chi_square:.1f} times the floor")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin_daemon.diagnosis.partfit import Fit, PartFit
-from twin_daemon.diagnosis.whitened import block_gain
+from twin_daemon.diagnosis.whitened import block_gain, step_corrections
 from twin_daemon.simulation.alignment import Aligned
 
 ADEQUATE = 3.0
@@ -41,8 +41,9 @@ class HeldOut:
 
 def judge(part: PartFit, fit: Fit, holdout: Sequence[Aligned], *, seed: int) -> HeldOut:
     """Compares a fit with the nuisances alone, both as fitted, on held-out recordings."""
-    before = [r for r in part.held_out(part.base, holdout)]
-    after = [r for r in part.held_out(fit, holdout)]
+    corrections = step_corrections(part.twin, holdout, part.joints)
+    before = part.held_out(part.base, holdout, corrections)
+    after = part.held_out(fit, holdout, corrections)
     known = [np.isfinite(r.measured[:, [r.joints.index(j) for j in part.joints]]) for r in holdout]
     squares_before = np.concatenate([(r**2).mean(axis=1)[k.any(axis=1)] for r, k in zip(before, known, strict=True)])
     squares_after = np.concatenate([(r**2).mean(axis=1)[k.any(axis=1)] for r, k in zip(after, known, strict=True)])

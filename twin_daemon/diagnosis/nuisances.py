@@ -47,13 +47,20 @@ def nuisance_knobs(twin: TwinModel, recordings: Sequence[Aligned], joints: Seque
         driven = [twin.joints[j] for j in np.flatnonzero(row)]
         if set(driven) & set(joints) and twin.parameter(f"{actuator}.kp").read(twin.model) > 0.0:
             knobs.append(_scale(f"{actuator}.kp", *driven))
-    for index, recording in enumerate(recordings):
-        sigma = FREE_ONSET_SIGMA_S if recording.onset_free else DELAY_SIGMA_S
+    for number, (_, members) in enumerate(_by_recording(recordings).items()):
+        sigma = FREE_ONSET_SIGMA_S if recordings[members[0]].onset_free else DELAY_SIGMA_S
+        writes = tuple(("onset", str(index)) for index in members)
         reach = 8.0 * sigma
-        knobs.append(
-            Knob(f"delay.{index}", "s", -reach, reach, 0.0, False, (("onset", str(index)),), prior=Prior(0.0, sigma))
-        )
+        knobs.append(Knob(f"delay.{number}", "s", -reach, reach, 0.0, False, writes, prior=Prior(0.0, sigma)))
     return tuple(knobs)
+
+
+def _by_recording(pieces: Sequence[Aligned]) -> dict[str, list[int]]:
+    """Indices of the pieces that come from one recording: they share its clock."""
+    out: dict[str, list[int]] = {}
+    for index, piece in enumerate(pieces):
+        out.setdefault(piece.recording.sha256, []).append(index)
+    return out
 
 
 def _scale(name: str, *joints: str) -> Knob:

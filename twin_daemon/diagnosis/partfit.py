@@ -11,15 +11,14 @@ from mujoco import minimize
 
 from twin_daemon.diagnosis.candidates import Hypothesis
 from twin_daemon.diagnosis.nuisances import nuisance_knobs, sigmas
-from twin_daemon.diagnosis.whitened import WhitenedProblem, floor_variance
+from twin_daemon.diagnosis.whitened import WhitenedProblem, floor_variance, step_corrections
 from twin_daemon.errors import BadInput
 from twin_daemon.fitting.knobs import Knob
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
 
-_STEP = 4e-3  # of a nuisance's box, for its derivative
-_EFFECT_STEP = 2e-3
-_NUISANCE_ROUNDS = 4
+_STEP = 3e-3  # of a knob's box, for its derivative
+_NUISANCE_ITERATIONS = 10
 
 
 @dataclass(frozen=True)
@@ -58,34 +57,34 @@ class PartFit:
         self.joints = tuple(joints)
         self.floor = floor_variance(recordings, joints)
         self.knobs = nuisance_knobs(twin, recordings, joints)
-        self.problem = WhitenedProblem(twin, recordings, self.knobs, joints, self.floor)
+        self._corrections = step_corrections(twin, recordings, joints)
+        self.floor = self.floor + np.mean([(0.5 * c).var(axis=0) for c in self._corrections], axis=0)
+        self.problem = WhitenedProblem(
+            twin, recordings, self.knobs, joints, self.floor, corrections=self._corrections
+        )
         self.base = self._fit_nuisances()
 
     # -- nuisances -----------------------------------------------------------------------------------------
 
     def _fit_nuisances(self) -> Fit:
-        point = self.problem.start
-        best, best_rows = point, self.problem.residuals(point[None])[0]
-        self.jacobian = self._derivative(point, best_rows)
-        for round_ in range(_NUISANCE_ROUNDS):
-            step, *_ = np.linalg.lstsq(self.jacobian, -best_rows, rcond=1e-10)
-            # several lengths at once: the Jacobian is frozen, so the full step may be too long
-            trials = np.clip(best[None] + np.array([[1.0], [0.5], [0.2]]) * step, 0.0, 1.0)
-            rows = self.problem.residuals(trials)
-            costs = (rows**2).sum(axis=1)
-            index = int(np.argmin(costs))
-            before = float(best_rows @ best_rows)
-            if costs[index] >= before:
-                break
-            moved = float(np.abs(trials[index] - best).max())
-            best, best_rows = trials[index], rows[index]
-            if before - costs[index] < 0.02 * before:
-                break
-            if moved > 0.03 and round_ < _NUISANCE_ROUNDS - 1:
-                self.jacobian = self._derivative(best, best_rows)
-        self.base_rows = best_rows
-        cost = float(best_rows @ best_rows)
-        return Fit(None, self.problem, best, cost, float(self.problem.chi_square(best[None])[0]))
+        def residual(columns: np.ndarray) -> np.ndarray:
+            return self.problem.residuals(np.clip(np.atleast_2d(columns.T), 0.0, 1.0)).T
+
+        start = self.problem.start
+        found, _ = minimize.least_squares(
+            start,
+            residual,
+            bounds=[np.zeros(len(start)), np.ones(len(start))],
+            eps=_STEP,
+            max_iter=_NUISANCE_ITERATIONS,
+            xtol=1e-3,
+            verbose=minimize.Verbosity.SILENT,
+        )
+        point = np.clip(np.ravel(found), 0.0, 1.0)
+        self.base_rows = self.problem.residuals(point[None])[0]
+        self.jacobian = self._derivative(point, self.base_rows)
+        cost = float(self.base_rows @ self.base_rows)
+        return Fit(None, self.problem, point, cost, float(self.problem.chi_square(point[None])[0]))
 
     def _derivative(self, point: np.ndarray, rows: np.ndarray) -> np.ndarray:
         sign = np.where(point > 0.5, -1.0, 1.0)
@@ -100,16 +99,21 @@ class PartFit:
     # -- candidates ----------------------------------------------------------------------------------------
 
     def problem_with(
-        self, hypothesis: Hypothesis, values: dict[str, float], recordings: Sequence[Aligned] | None = None
+        self, hypothesis: Hypothesis, values: dict[str, float]
     ) -> WhitenedProblem:
         """The problem with one more effect, its parameters and all nuisances but the ones it speaks for."""
         dropped = hypothesis.speaks_for(self.twin)
         kept = tuple(k for k in self.knobs if k.name not in dropped)
         twin = self.twin.changed(self.twin.terms.with_effect(hypothesis.term(values)))
-        chosen = self.recordings if recordings is None else recordings
-        knobs = (*hypothesis.knobs(values), *kept)
-        held = hypothesis.holds_offset()
-        return WhitenedProblem(twin, chosen, knobs, self.joints, self.floor, offset_held=held)
+        return WhitenedProblem(
+            twin,
+            self.recordings,
+            (*hypothesis.knobs(values), *kept),
+            self.joints,
+            self.floor,
+            offset_held=hypothesis.holds_offset(),
+            corrections=self._corrections,
+        )
 
     def start_point(self, problem: WhitenedProblem) -> np.ndarray:
         """The candidate's own start, with the nuisances where they are without it."""
@@ -137,7 +141,8 @@ class PartFit:
                 if power > 1e-12:
                     amount = float(np.clip(-(change @ residual) / power, 0.0, 1.5))
                     reduced = residual + amount * change
-                    scored.append((float(residual @ residual - reduced @ reduced), start))
+                    gain = float(residual @ residual - reduced @ reduced)
+                    scored.append((gain, hypothesis.along(start, amount)))
         return max(scored, key=lambda item: item[0]) if scored else (0.0, {})
 
     def _matched(self, problem: WhitenedProblem, rows: np.ndarray) -> np.ndarray:
@@ -150,42 +155,34 @@ class PartFit:
         out[data:] = [priors.get(name, 0.0) for name in names]
         return out
 
-    def refit(self, hypothesis: Hypothesis, start: dict[str, float], iterations: int) -> Fit:
-        """Fits the effect and the nuisances together, with the nuisances' derivative as it is without the effect."""
+    def refit(self, hypothesis: Hypothesis, start: dict[str, float], iterations: int) -> Fit | None:
+        """Fits the effect and the nuisances together; None where the effect cannot stand beside the twin's others.
+
+        Starts with the nuisances where they are without the effect, or at their priors, whichever is better:
+        without the right effect they may have gone far to stand in for it.
+        """
         problem = self.problem_with(hypothesis, start)
-        frozen = self._frozen(problem)
-        own = len(problem.knobs) - frozen.shape[1]
-        point = self.start_point(problem)
 
         def residual(columns: np.ndarray) -> np.ndarray:
             return problem.residuals(np.clip(np.atleast_2d(columns.T), 0.0, 1.0)).T
 
-        def derivative(x: np.ndarray, r: np.ndarray) -> np.ndarray:
-            sign = np.where(x[:own] > 0.5, -1.0, 1.0)
-            trials = np.repeat(x[None, :], own, axis=0)
-            trials[np.arange(own), np.arange(own)] += _EFFECT_STEP * sign
-            rows = problem.residuals(np.clip(trials, 0.0, 1.0))
-            return np.concatenate([((rows - np.ravel(r)) / (_EFFECT_STEP * sign)[:, None]).T, frozen], axis=1)
-
-        found, _ = minimize.least_squares(
-            point,
-            residual,
-            bounds=[np.zeros(len(point)), np.ones(len(point))],
-            jacobian=derivative,
-            max_iter=iterations,
-            xtol=1e-4,
-            verbose=minimize.Verbosity.SILENT,
-        )
-        found = np.clip(found, 0.0, 1.0)
-        rows = problem.residuals(found[None])[0]
-        return Fit(hypothesis, problem, found, float(rows @ rows), float(problem.chi_square(found[None])[0]))
-
-    def _frozen(self, problem: WhitenedProblem) -> np.ndarray:
-        """Columns of the base Jacobian for the nuisances that the problem has, rows matched to it."""
-        names = [k.name for k in self.knobs]
-        data = len(self.base_rows) - len(names)
-        kept = [names.index(k.name) for k in problem.knobs if k.prior is not None]
-        return np.concatenate([self.jacobian[:data, kept], self.jacobian[data:][kept][:, kept]])
+        try:
+            starts = np.stack([self.start_point(problem), problem.start])
+            costs = (problem.residuals(starts) ** 2).sum(axis=1)
+            found, _ = minimize.least_squares(
+                starts[int(np.argmin(costs))],
+                residual,
+                bounds=[np.zeros(len(starts[0])), np.ones(len(starts[0]))],
+                eps=_STEP,
+                max_iter=iterations,
+                xtol=1e-3,
+                verbose=minimize.Verbosity.SILENT,
+            )
+        except BadInput:
+            return None
+        point = np.clip(np.ravel(found), 0.0, 1.0)
+        rows = problem.residuals(point[None])[0]
+        return Fit(hypothesis, problem, point, float(rows @ rows), float(problem.chi_square(point[None])[0]))
 
     def evidence(self, fit: Fit) -> float:
         """Gain over the nuisances alone in nats, after the Bayesian information criterion's price of parameters."""
@@ -193,13 +190,12 @@ class PartFit:
         price = own * np.log(max(self.problem.effective_samples, 2.0))
         return 0.5 * (self.base.cost - fit.cost - price)
 
-    def held_out(self, fit: Fit, recordings: Sequence[Aligned]) -> list[np.ndarray]:
+    def held_out(self, fit: Fit, recordings: Sequence[Aligned], corrections: Sequence[np.ndarray]) -> list[np.ndarray]:
         """Residuals (n, k) rad of a fit on held-out recordings, with its nuisances as fitted."""
         knobs = tuple(k for k in fit.problem.knobs if not k.name.startswith("delay."))
         shift = self._delay(fit)
         moved = [r.with_onset(r.onset_s + shift) for r in recordings]
-        held = fit.hypothesis.holds_offset() if fit.hypothesis else ()
-        problem = WhitenedProblem(fit.problem.twin, moved, knobs, self.joints, self.floor, offset_held=held)
+        problem = WhitenedProblem(fit.problem.twin, moved, knobs, self.joints, self.floor, corrections=corrections)
         known = {k.name: u for k, u in zip(fit.problem.knobs, fit.point, strict=True)}
         point = np.array([known[k.name] for k in knobs])
         return [rows[0] for rows in problem.joint_residuals(point[None])]

@@ -10,11 +10,11 @@ from twin_daemon.comparison.noise import noise_variance
 from twin_daemon.diagnosis.nuisances import OFFSET_SIGMA_RAD
 from twin_daemon.fitting.knobs import Knob
 from twin_daemon.fitting.problem import Problem
-from twin_daemon.simulation.alignment import Aligned
+from twin_daemon.simulation.alignment import Aligned, predict
 from twin_daemon.simulation.twin import TwinModel
 
-MODEL_FLOOR_RAD = 8e-4
-"""What a right model still leaves: the time step and the integrator move a hand by about this much."""
+MODEL_FLOOR_RAD = 6e-4
+"""What a right model still leaves even after the time step's error is taken out."""
 
 CORRELATION_S = 0.08
 """Over this time the residual of a right model repeats itself: that many samples count as one."""
@@ -45,13 +45,23 @@ class WhitenedProblem(Problem):
         floor: np.ndarray,
         *,
         offset_held: Collection[str] = (),
+        corrections: Sequence[np.ndarray] | None = None,
     ) -> None:
         super().__init__(twin, recordings, knobs, objective)
+        self._corrections = corrections
         self.prior_weight = 1.0
         self.floor = floor
         periods = [float(np.median(np.diff(r.time_s))) for r in recordings]
         self._tau = [max(1.0, CORRELATION_S / period) for period in periods]
         self._free_offset = np.array([joint not in offset_held for joint in objective])
+
+    def joint_residuals(self, points: np.ndarray) -> list[np.ndarray]:
+        """Measured minus predicted (B, n, k) rad, the nominal model's time-step error taken out."""
+        residuals = super().joint_residuals(points)
+        if self._corrections is None:
+            return residuals
+        zipped = zip(residuals, self._corrections, self._known, strict=True)
+        return [r - np.where(known, c, 0.0)[None] for r, c, known in zipped]
 
     @property
     def effective_samples(self) -> float:
@@ -81,6 +91,17 @@ class WhitenedProblem(Problem):
         prior = self.prior_residuals(points)
         data = (rows**2).sum(axis=1) - (prior**2).sum(axis=1)
         return data / self.effective_samples
+
+
+def step_corrections(twin: TwinModel, recordings: Sequence[Aligned], joints: Sequence[str]) -> list[np.ndarray]:
+    """(n, k) rad a recording: what the model moves at a quarter of its time step beyond what it moves at its own.
+
+    Candidates are tried at the model's own step, which is off by more than the sensors' noise where steps are
+    commanded. To first order the error is the same with and without a small effect, so it is computed once.
+    """
+    columns = [twin.joints.index(joint) for joint in joints]
+    fine = twin.at_step(float(twin.model.opt.timestep) / 4.0)
+    return [(predict(fine, r) - predict(twin, r))[:, columns] for r in recordings]
 
 
 def block_gain(before: np.ndarray, after: np.ndarray, block: int, seed: int, draws: int = 400) -> tuple[float, float]:

@@ -34,6 +34,11 @@ def motor_joint(place: Place) -> str:
     return f"{place.actuator}_motor"
 
 
+def link_tendon(place: Place) -> str:
+    """The name of the tendon that measures how far the motor side and what it drives are apart."""
+    return f"{place.actuator}_link"
+
+
 @dataclass
 class Measurement:
     """What lies between a joint and its reading: measured = gain * angle + offset, by joint name in the data."""

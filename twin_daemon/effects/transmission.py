@@ -16,7 +16,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from twin_daemon.effects.base import Place, motor_joint
+from twin_daemon.effects.base import Place, link_tendon, motor_joint
 from twin_daemon.effects.edits import linear
 
 _SHARE = 0.5  # of armature and damping that moves to the motor
@@ -41,7 +41,7 @@ def pulled_joints(spec: Any, actuator: Any) -> dict[str, float]:
 
 def motor_side(spec: Any, place: Place) -> Link:
     """Gives the actuator a motor of its own, once. The link is a bare tendon: the caller makes it hold."""
-    name = f"{place.actuator}_link"
+    name = link_tendon(place)
     if spec.tendon(name) is not None:
         return Link(name, made=False)
     actuator = spec.actuator(place.actuator)
