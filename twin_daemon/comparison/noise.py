@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+_ROUNDING_RAD = 1e-9
+
 
 def noise_variance(values: np.ndarray) -> float:
     """Variance (rad^2) of the reading about the true angle, from one joint's samples (n,).
@@ -26,4 +28,6 @@ def resolution(values: np.ndarray) -> float:
     distinct = np.unique(values)
     if distinct.size < 2 or distinct.size > 0.5 * values.size:
         return 0.0
-    return float(np.median(np.diff(distinct)))
+    gaps = np.diff(distinct)
+    # most gaps are several counts wide where the joint was fast; spellings of one count differ by rounding
+    return float(np.percentile(gaps[gaps > _ROUNDING_RAD], 10)) if (gaps > _ROUNDING_RAD).any() else 0.0

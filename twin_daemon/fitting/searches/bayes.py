@@ -34,7 +34,7 @@ def bayes(tracker: Tracker, budget: int | None, seed: int) -> None:
     optimizer = Optimizer(
         [(0.0, 1.0)] * len(chosen),
         base_estimator="GP",
-        n_initial_points=min(10, max(2, calls // 3)),
+        n_initial_points=8 if calls >= 16 else 2,  # a power of 2, as a Sobol sequence wants it
         initial_point_generator="sobol",
         random_state=seed,
     )

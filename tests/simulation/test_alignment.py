@@ -1,0 +1,74 @@
+"""Commands and measurements on one clock."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.simulation.made import FINGER, recorded
+from twin_daemon.errors import BadInput
+from twin_daemon.recordings.recording import Recording
+from twin_daemon.signals.trajectory import Trajectory
+from twin_daemon.simulation.alignment import align, command_onset, model_onset, predict
+from twin_daemon.simulation.twin import TwinModel
+
+
+def trajectory() -> Trajectory:
+    times = np.unique(np.concatenate([np.array(t) for t, _ in FINGER.values()]))
+    positions = np.column_stack([np.interp(times, t, p) for t, p in FINGER.values()])
+    return Trajectory("finger", tuple(FINGER), times, positions)
+
+
+def test_recorded_commands_need_no_onset(twin: TwinModel, rng: np.random.Generator) -> None:
+    aligned = align(twin, recorded(twin, FINGER, rng, late_s=0.37))
+    assert not aligned.onset_free
+    assert aligned.onset_s == 0.0
+    assert np.sqrt(np.mean((predict(twin, aligned) - aligned.measured) ** 2)) < 1e-3
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.37, -0.2])
+def test_the_onset_of_a_trajectory_is_recovered(late_s: float, twin: TwinModel, rng: np.random.Generator) -> None:
+    aligned = align(twin, recorded(twin, FINGER, rng, late_s=late_s, commands=False, seconds=6.0), trajectory())
+    assert aligned.onset_free
+    # the raw command contains the servo's lag, the model brings its own
+    assert command_onset(twin, aligned) == pytest.approx(late_s, abs=0.15)
+    # a streamed target is held for a sample, so it comes half of 8 ms later than the line through it
+    assert model_onset(twin, aligned) == pytest.approx(late_s + 0.004, abs=0.003)
+
+
+def test_the_joints_that_move_are_known(twin: TwinModel, rng: np.random.Generator) -> None:
+    aligned = align(twin, recorded(twin, FINGER, rng))
+    assert {n for n, moves in zip(aligned.joints, aligned.moving, strict=True) if moves} == {
+        "rh_FFJ1", "rh_FFJ2", "rh_FFJ3",
+    }  # fmt: skip
+
+
+def test_a_recording_that_starts_in_motion_starts_in_motion(twin: TwinModel, rng: np.random.Generator) -> None:
+    recording = recorded(twin, FINGER, rng).window(0.7)
+    aligned = align(twin, recording)
+    sums = aligned.start_velocity[[twin.joints.index(f"rh_FFJ{n}") for n in (1, 2)]].sum()
+    assert sums == pytest.approx(1.6 / 0.5, rel=0.3)
+
+
+def test_a_joint_that_is_absent_is_not_measured(twin: TwinModel, rng: np.random.Generator) -> None:
+    aligned = align(twin, recorded(twin, FINGER, rng).select(["rh_FFJ3"]))
+    assert np.isnan(aligned.measured[:, twin.joints.index("rh_FFJ2")]).all()
+    assert np.isfinite(predict(twin, aligned)).all()
+
+
+def renamed(recording: Recording, **changes: object) -> Recording:
+    return replace(recording, **changes)  # type: ignore[arg-type]
+
+
+def test_recordings_of_something_else_are_refused(twin: TwinModel, rng: np.random.Generator) -> None:
+    recording = recorded(twin, FINGER, rng, seconds=1.0)
+    with pytest.raises(BadInput, match=r"none of its joints.*--joint-map"):
+        align(twin, renamed(recording, joints=tuple(f"arm_{i}" for i in range(len(recording.joints)))))
+    with pytest.raises(BadInput, match=r"holds no commands.*--trajectory"):
+        align(twin, renamed(recording, commands=None))
+    assert recording.commands is not None
+    foreign = replace(recording.commands, names=("arm_1", "arm_2"))
+    with pytest.raises(BadInput, match="none of its commands"):
+        align(twin, renamed(recording, commands=foreign))

@@ -1,0 +1,69 @@
+"""One roll-out function that everything can rely on: the same numbers as a plain loop, on any number of threads."""
+
+from __future__ import annotations
+
+import copy
+
+import mujoco
+import numpy as np
+
+from twin_daemon.simulation.rollout import roll_out
+from twin_daemon.simulation.terms import EffectTerm, Terms
+from twin_daemon.simulation.twin import TwinModel
+
+STEPS = 300
+
+
+def waves(twin: TwinModel, count: int, rng: np.random.Generator) -> np.ndarray:
+    """(count, STEPS, nu): closing and opening, every sequence another."""
+    low, high = np.clip(twin.model.actuator_ctrlrange.T, 0.0, 1.2)
+    phase = rng.uniform(0.5, 2.0, (count, 1, twin.model.nu)) * np.linspace(0, np.pi, STEPS)[None, :, None]
+    return low + (high - low) * np.sin(phase) ** 2
+
+
+def test_it_is_a_plain_loop_to_the_last_bit_on_one_and_on_two_threads(
+    twin: TwinModel, rng: np.random.Generator
+) -> None:
+    controls = waves(twin, 3, rng)
+    models = [copy.copy(twin.model) for _ in range(3)]
+    for index, model in enumerate(models):
+        model.dof_damping[:] *= 1.0 + index
+    start = twin.model.qpos0[None]
+    one = roll_out(models, controls, start, threads=1)
+    assert np.array_equal(one, roll_out(models, controls, start, threads=2))
+    for index, model in enumerate(models):
+        data = mujoco.MjData(model)
+        data.ctrl[:] = controls[index, 0]
+        for step in range(STEPS):
+            data.ctrl[:] = controls[index, step]
+            mujoco.mj_step(model, data)
+            assert np.array_equal(one[index, step + 1], data.qpos), f"model {index}, step {step}"
+
+
+def test_one_model_serves_many_command_sequences(twin: TwinModel, rng: np.random.Generator) -> None:
+    controls = waves(twin, 2, rng)
+    together = roll_out([twin.model], controls, twin.model.qpos0[None])
+    alone = [roll_out([twin.model], row[None], twin.model.qpos0[None])[0] for row in controls]
+    assert np.array_equal(together, np.stack(alone))
+
+
+def test_a_simulation_that_diverges_is_nan_from_there_and_leaves_the_others_alone(
+    twin: TwinModel, rng: np.random.Generator
+) -> None:
+    controls = waves(twin, 1, rng)
+    broken = copy.copy(twin.model)
+    broken.jnt_stiffness[:] = -1e9
+    out = roll_out([twin.model, broken], controls, twin.model.qpos0[None])
+    assert np.isfinite(out[0]).all()
+    assert np.isnan(out[1, -1]).all()
+    assert np.isfinite(out[1, 0]).all()
+
+
+def test_a_delayed_actuator_starts_as_if_it_had_been_told_so_for_ever(twin: TwinModel) -> None:
+    late = twin.changed(Terms(effects=(EffectTerm(effect="command_delay", target="rh_FFJ3", values={}),)))
+    start = twin.initial_qpos(np.where(np.array(twin.joints) == "rh_FFJ3", 0.7, np.nan))
+    column = twin.qpos_adr[twin.joints.index("rh_FFJ3")]
+    hold = np.zeros((1, 100, twin.model.nu))
+    hold[..., twin.actuators.index("rh_FFJ3")] = 0.7
+    prompt, delayed = (roll_out([t.model], hold, start[None])[0, :, column] for t in (twin, late))
+    np.testing.assert_allclose(delayed, prompt, atol=1e-9)

@@ -1,0 +1,51 @@
+"""A finger on its own moves as it does on the hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.simulation.made import FINGER, recorded
+from twin_daemon.fitting.reduce import restricted
+from twin_daemon.simulation.alignment import align, predict
+from twin_daemon.simulation.submodel import parts, submodel
+from twin_daemon.simulation.terms import EffectTerm, Terms
+from twin_daemon.simulation.twin import TwinModel
+
+INDEX = ("rh_FFJ1", "rh_FFJ2", "rh_FFJ3", "rh_FFJ4")
+TERMS = Terms(
+    parameters={"rh_FFJ3.damping": 0.2, "rh_FFJ0.kp": 3.0, "rh_LFJ3.damping": 0.3},
+    effects=(
+        EffectTerm(effect="sensor_offset", target="rh_FFJ3", values={}),
+        EffectTerm(effect="sensor_offset", target="rh_LFJ3", values={}),
+    ),
+)
+
+
+def test_the_parts_are_fingers_thumb_and_wrist(twin: TwinModel) -> None:
+    found = {part.joints: part for part in parts(twin)}
+    assert INDEX in found
+    assert found[INDEX].trunk == ("rh_WRJ1", "rh_WRJ2")
+    assert ("rh_WRJ1", "rh_WRJ2") in found
+    assert sorted(j for joints in found for j in joints) == sorted(twin.joints)
+
+
+@pytest.mark.parametrize("keep", [INDEX, INDEX[:3]], ids=["with abduction", "abduction welded"])
+@pytest.mark.parametrize("terms", [Terms(), TERMS], ids=["nominal", "with terms"])
+def test_a_finger_alone_is_within_a_milliradian_of_the_whole_hand(
+    keep: tuple[str, ...], terms: Terms, twin: TwinModel, rng: np.random.Generator
+) -> None:
+    whole = twin.changed(terms)
+    aligned = align(whole, recorded(whole, FINGER, rng))
+    small = submodel(whole, keep, aligned.start_position)
+    assert small.joints == keep
+    assert small.model.nv == len(keep)
+    columns = [whole.joints.index(name) for name in keep]
+    gap = predict(small, restricted(aligned, keep)) - predict(whole, aligned)[:, columns]
+    assert np.abs(gap).max() < 1e-3
+
+
+def test_terms_of_what_is_gone_are_gone(twin: TwinModel) -> None:
+    small = submodel(twin.changed(TERMS), INDEX, np.zeros(len(twin.joints)))
+    assert set(small.terms.parameters) == {"rh_FFJ3.damping", "rh_FFJ0.kp"}
+    assert [term.target for term in small.terms.effects] == ["rh_FFJ3"]
