@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from twin_daemon.diagnosis.cores import concurrently
 from twin_daemon.diagnosis.candidates import Hypothesis, hypotheses
 from twin_daemon.diagnosis.gate import ADEQUATE, HeldOut, judge
-from twin_daemon.diagnosis.partfit import Fit, PartFit, knob_interval, unit_sigmas
+from twin_daemon.diagnosis.partfit import Fit, PartFit, descended, knob_interval, unit_sigmas
 from twin_daemon.diagnosis.segments import segments
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding, FittedValue, Trial, VerdictName
 from twin_daemon.diagnosis.where import where_it_fails
@@ -29,9 +30,11 @@ DECISIVE_NATS = 5.0
 """Evidence between two candidates below which the data do not choose (odds of 150 to 1)."""
 
 _MOST_EFFECTS = 3
-_REFITTED = 10
+_REFITTED = 9
+_ROUGH = 4  # iterations of every candidate's fit
+_FINALISTS = 4
+_FINE = 8  # iterations more for the best of them
 _POSES = 400
-_ITERATIONS = 8
 
 Stream = Callable[[str], None]
 """Called with one line whenever a candidate has been judged."""
@@ -160,25 +163,28 @@ def _step(
     part: PartFit, held: Sequence[Aligned], seed: int, say: Stream, outcome: _Outcome
 ) -> tuple[Fit, HeldOut, tuple[str, ...]] | None:
     """One more effect for a part: the best candidate that passes the gate, and what it cannot be told from."""
-    screened: list[tuple[float, Hypothesis, dict[str, float]]] = []
-    for hypothesis in hypotheses(part.twin, part.joints, whole_hand=True):
-        gain, start = part.screen(hypothesis)
-        screened.append((gain, hypothesis, start))
+    candidates = hypotheses(part.twin, part.joints, whole_hand=True)
+    screened = [
+        (gain, hypothesis, start)
+        for hypothesis, (gain, start) in zip(candidates, concurrently(part.screen, candidates), strict=True)
+    ]
     screened.sort(key=lambda item: -item[0])
     chosen = [item for item in screened[:_REFITTED] if item[0] > DECISIVE_NATS]
     for gain, hypothesis, _ in screened[len(chosen) :]:
         outcome.tried.append(Trial(hypothesis.effect.key, hypothesis.target, gain / 2.0, None, None,
                                    "takes too little of the error away to be worth a fit"))  # fmt: skip
-    fits: list[tuple[float, Fit]] = []
-    for _, hypothesis, start in chosen:
-        fit = part.refit(hypothesis, start, _ITERATIONS)
+    rough = concurrently(lambda item: part.refit(item[1], item[2], _ROUGH), chosen)
+    for (gain, hypothesis, _), fit in zip(chosen, rough, strict=True):
         if fit is None:
-            outcome.tried.append(Trial(hypothesis.effect.key, hypothesis.target, 0.0, None, None,
+            outcome.tried.append(Trial(hypothesis.effect.key, hypothesis.target, gain / 2.0, None, None,
                                        "cannot stand beside the effects that the twin has"))  # fmt: skip
-            continue
-        evidence = part.evidence(fit)
-        fits.append((evidence, fit))
-        say(f"  {hypothesis.name}: evidence {evidence:.0f} nats, {fit.chi_square:.1f} times the floor")
+    roughly = sorted((fit for fit in rough if fit is not None), key=lambda fit: fit.cost)
+    finalists = concurrently(lambda f: descended(f.hypothesis, f.problem, f.point, _FINE), roughly[:_FINALISTS])
+    fits: list[tuple[float, Fit]] = []
+    for fit in [*finalists, *roughly[_FINALISTS:]]:
+        fits.append((part.evidence(fit), fit))
+        assert fit.hypothesis is not None
+        say(f"  {fit.hypothesis.name}: evidence {fits[-1][0]:.0f} nats, {fit.chi_square:.1f} times the floor")
     fits.sort(key=lambda item: -item[0])
     best: tuple[Fit, HeldOut] | None = None
     rivals: list[str] = []

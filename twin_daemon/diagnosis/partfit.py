@@ -62,29 +62,23 @@ class PartFit:
         self.problem = WhitenedProblem(
             twin, recordings, self.knobs, joints, self.floor, corrections=self._corrections
         )
+        self._coarse = twin.at_step(2.0 * float(twin.model.opt.timestep))
         self.base = self._fit_nuisances()
 
     # -- nuisances -----------------------------------------------------------------------------------------
 
     def _fit_nuisances(self) -> Fit:
-        def residual(columns: np.ndarray) -> np.ndarray:
-            return self.problem.residuals(np.clip(np.atleast_2d(columns.T), 0.0, 1.0)).T
-
-        start = self.problem.start
-        found, _ = minimize.least_squares(
-            start,
-            residual,
-            bounds=[np.zeros(len(start)), np.ones(len(start))],
-            eps=_STEP,
-            max_iter=_NUISANCE_ITERATIONS,
-            xtol=1e-3,
-            verbose=minimize.Verbosity.SILENT,
-        )
-        point = np.clip(np.ravel(found), 0.0, 1.0)
+        fit = descended(None, self.problem, self.problem.start, _NUISANCE_ITERATIONS)
+        point = fit.point
         self.base_rows = self.problem.residuals(point[None])[0]
         self.jacobian = self._derivative(point, self.base_rows)
-        cost = float(self.base_rows @ self.base_rows)
-        return Fit(None, self.problem, point, cost, float(self.problem.chi_square(point[None])[0]))
+        self._basis, _ = np.linalg.qr(self.jacobian)
+        self._projected = self.base_rows - self._basis @ (self._basis.T @ self.base_rows)
+        coarse = WhitenedProblem(
+            self._coarse, self.recordings, self.knobs, self.joints, self.floor, corrections=self._corrections
+        )
+        self._coarse_rows = coarse.residuals(point[None])[0]
+        return fit
 
     def _derivative(self, point: np.ndarray, rows: np.ndarray) -> np.ndarray:
         sign = np.where(point > 0.5, -1.0, 1.0)
@@ -99,12 +93,13 @@ class PartFit:
     # -- candidates ----------------------------------------------------------------------------------------
 
     def problem_with(
-        self, hypothesis: Hypothesis, values: dict[str, float]
+        self, hypothesis: Hypothesis, values: dict[str, float], *, coarse: bool = False
     ) -> WhitenedProblem:
         """The problem with one more effect, its parameters and all nuisances but the ones it speaks for."""
         dropped = hypothesis.speaks_for(self.twin)
         kept = tuple(k for k in self.knobs if k.name not in dropped)
-        twin = self.twin.changed(self.twin.terms.with_effect(hypothesis.term(values)))
+        base = self._coarse if coarse else self.twin
+        twin = base.changed(base.terms.with_effect(hypothesis.term(values)))
         return WhitenedProblem(
             twin,
             self.recordings,
@@ -125,30 +120,28 @@ class PartFit:
         """(gain, start): how much cost the candidate could take away along the secant to its best start.
 
         Both the residual and the change are seen with the nuisances projected out. A finite-size change is
-        used because backlash or dry friction are not smooth at zero.
+        used because backlash or dry friction are not smooth at zero. At twice the time step: a change is a
+        difference of two roll-outs, which share its error.
         """
         scored: list[tuple[float, dict[str, float]]] = []
-        basis, _ = np.linalg.qr(self.jacobian)
-        residual = self.base_rows - basis @ (basis.T @ self.base_rows)
         for start in hypothesis.starts:
             with contextlib.suppress(BadInput):
-                problem = self.problem_with(hypothesis, start)
-                point = self.start_point(problem)
-                rows = problem.residuals(point[None])[0]
-                change = self._matched(problem, rows) - self.base_rows
-                change = change - basis @ (basis.T @ change)
+                problem = self.problem_with(hypothesis, start, coarse=True)
+                rows = problem.residuals(self.start_point(problem)[None])[0]
+                change = self._matched(problem, rows) - self._coarse_rows
+                change = change - self._basis @ (self._basis.T @ change)
                 power = float(change @ change)
                 if power > 1e-12:
-                    amount = float(np.clip(-(change @ residual) / power, 0.0, 1.5))
-                    reduced = residual + amount * change
-                    gain = float(residual @ residual - reduced @ reduced)
+                    amount = float(np.clip(-(change @ self._projected) / power, 0.0, 1.5))
+                    reduced = self._projected + amount * change
+                    gain = float(self._projected @ self._projected - reduced @ reduced)
                     scored.append((gain, hypothesis.along(start, amount)))
         return max(scored, key=lambda item: item[0]) if scored else (0.0, {})
 
     def _matched(self, problem: WhitenedProblem, rows: np.ndarray) -> np.ndarray:
         """Rows of a problem that lacks some nuisances, in the order of the base problem's rows."""
         data = len(self.base_rows) - sum(k.prior is not None for k in self.knobs)
-        out = self.base_rows.copy()
+        out = self._coarse_rows.copy()
         out[:data] = rows[:data]
         priors = dict(zip([k.name for k in problem.knobs if k.prior is not None], rows[data:], strict=True))
         names = [k.name for k in self.knobs if k.prior is not None]
@@ -161,28 +154,13 @@ class PartFit:
         Starts with the nuisances where they are without the effect, or at their priors, whichever is better:
         without the right effect they may have gone far to stand in for it.
         """
-        problem = self.problem_with(hypothesis, start)
-
-        def residual(columns: np.ndarray) -> np.ndarray:
-            return problem.residuals(np.clip(np.atleast_2d(columns.T), 0.0, 1.0)).T
-
         try:
+            problem = self.problem_with(hypothesis, start)
             starts = np.stack([self.start_point(problem), problem.start])
             costs = (problem.residuals(starts) ** 2).sum(axis=1)
-            found, _ = minimize.least_squares(
-                starts[int(np.argmin(costs))],
-                residual,
-                bounds=[np.zeros(len(starts[0])), np.ones(len(starts[0]))],
-                eps=_STEP,
-                max_iter=iterations,
-                xtol=1e-3,
-                verbose=minimize.Verbosity.SILENT,
-            )
+            return descended(hypothesis, problem, starts[int(np.argmin(costs))], iterations)
         except BadInput:
             return None
-        point = np.clip(np.ravel(found), 0.0, 1.0)
-        rows = problem.residuals(point[None])[0]
-        return Fit(hypothesis, problem, point, float(rows @ rows), float(problem.chi_square(point[None])[0]))
 
     def evidence(self, fit: Fit) -> float:
         """Gain over the nuisances alone in nats, after the Bayesian information criterion's price of parameters."""
@@ -204,6 +182,26 @@ class PartFit:
         values = fit.problem.values(fit.point)
         shifts = [v for k, v in zip(fit.problem.knobs, values, strict=True) if k.name.startswith("delay.")]
         return float(np.mean(shifts)) if shifts else 0.0
+
+
+def descended(hypothesis: Hypothesis | None, problem: WhitenedProblem, start: np.ndarray, iterations: int) -> Fit:
+    """A bounded Levenberg-Marquardt descent of all knobs from a point (p,)."""
+
+    def residual(columns: np.ndarray) -> np.ndarray:
+        return problem.residuals(np.clip(np.atleast_2d(columns.T), 0.0, 1.0)).T
+
+    found, _ = minimize.least_squares(
+        start,
+        residual,
+        bounds=[np.zeros(len(start)), np.ones(len(start))],
+        eps=_STEP,
+        max_iter=iterations,
+        xtol=1e-3,
+        verbose=minimize.Verbosity.SILENT,
+    )
+    point = np.clip(np.ravel(found), 0.0, 1.0)
+    rows = problem.residuals(point[None])[0]
+    return Fit(hypothesis, problem, point, float(rows @ rows), float(problem.chi_square(point[None])[0]))
 
 
 def knob_interval(fit: Fit, knob: Knob, sigma: float) -> tuple[float, float]:
