@@ -9,11 +9,14 @@ import typer
 from twin_daemon.cli import options
 from twin_daemon.cli.check import warn_before_fit
 from twin_daemon.cli.console import emit_json, people, plain_text, progress_console
-from twin_daemon.cli.session import Session, open_session
+from twin_daemon.cli.session import Session, open_session, require_folder
 from twin_daemon.cli.tables import by_kind, place_of, slim_table
 
 if TYPE_CHECKING:
+    from rich.progress import TaskID
+
     from twin_daemon.fitting.calibrate import Calibration, FittedParameter
+    from twin_daemon.fitting.tracker import Progress
     from twin_daemon.simulation.alignment import Aligned
 
 SearchName = Annotated[
@@ -44,6 +47,7 @@ def command(
     from twin_daemon.fitting.calibrate import calibrate
     from twin_daemon.fitting.spaces import load_space
 
+    require_folder(json)
     chosen = load_space(space or "physical")
     session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)
     train = session.recordings(recording, trajectory)
@@ -61,7 +65,7 @@ def command(
 
 
 class progress_bar:
-    """A progress bar on standard error with the best error so far."""
+    """A progress bar on standard error with the best error so far; nothing is drawn before there is one."""
 
     def __init__(self, label: str, budget: int | None) -> None:
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -74,14 +78,21 @@ class progress_bar:
             TimeElapsedColumn(),
             console=progress_console(),
         )
-        self._task = self._progress.add_task(plain_text(label), total=budget, best="-")
+        self._label, self._budget = plain_text(label), budget
+        self._task: TaskID | None = None
 
-    def __enter__(self):
-        self._progress.start()
-        return lambda count, best: self._progress.update(self._task, completed=count, best=f"{best:.4g} rad²")
+    def __enter__(self) -> Progress:
+        return self._report
+
+    def _report(self, count: int, best: float) -> None:
+        if self._task is None:
+            self._task = self._progress.add_task(self._label, total=self._budget, best="-")
+            self._progress.start()
+        self._progress.update(self._task, completed=count, best=f"{best:.4g} rad²")
 
     def __exit__(self, *_: object) -> None:
-        self._progress.stop()
+        if self._task is not None:
+            self._progress.stop()
 
 
 def store(

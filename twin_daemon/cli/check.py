@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from twin_daemon.cli import options
 from twin_daemon.cli.console import emit_json, people, plain_text
-from twin_daemon.cli.session import Session, open_session
+from twin_daemon.cli.session import Session, open_session, require_folder
 from twin_daemon.cli.tables import by_kind, place_of, slim_table
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ def command(
     from twin_daemon.fitting.check import prospects
     from twin_daemon.fitting.spaces import load_space
 
+    require_folder(json)
     chosen = load_space(space or "physical")
     session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)
     aligned = session.recordings(recording, trajectory)

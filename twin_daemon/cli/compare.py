@@ -9,7 +9,7 @@ import typer
 
 from twin_daemon.cli import options
 from twin_daemon.cli.console import emit_json, people, plain_text
-from twin_daemon.cli.session import open_session
+from twin_daemon.cli.session import open_session, require_folder
 from twin_daemon.cli.tables import slim_table
 
 
@@ -33,6 +33,7 @@ def command(
     """
     from twin_daemon.comparison.report import comparison_report
 
+    require_folder(json, plot)
     session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)
     aligned = session.recordings(recording, trajectory)
     report, comparisons = comparison_report(session.twin, aligned, session.last_promoted())

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from twin_daemon.cli.console import STANDARD_OUTPUT
 from twin_daemon.errors import BadInput, UsageError
 
 if TYPE_CHECKING:
@@ -77,6 +78,15 @@ def open_session(
     if record is None:
         return Session(found, nominal, None, store, joint_map)
     return Session(found, nominal.changed(_terms(record.terms)), record.id, store, joint_map)
+
+
+def require_folder(*paths: str | Path | None) -> None:
+    """Raises BadInput where a result could not be written, before any work is done for it or anything is stored."""
+    for path in paths:
+        if path is not None and str(path) != STANDARD_OUTPUT and not Path(path).absolute().parent.is_dir():
+            raise BadInput(
+                "the folder does not exist", where=path, todo=f"Create {Path(path).parent} or name another path"
+            )
 
 
 def _terms(stored: dict):

@@ -13,7 +13,8 @@ def random_search(tracker: Tracker, budget: int | None, seed: int) -> None:
     """`budget` points (1000 by default), the start first."""
     rng = np.random.default_rng(seed)
     budget = 1000 if budget is None else budget
-    points = rng.random((budget, len(tracker.problem.knobs)))
-    points[0] = tracker.problem.start
     for first in range(0, budget, _BATCH):
-        tracker.cost(points[first : first + _BATCH])
+        points = rng.random((min(_BATCH, budget - first), len(tracker.problem.knobs)))
+        if first == 0:
+            points[0] = tracker.problem.start
+        tracker.cost(points)
