@@ -87,7 +87,9 @@ def hypotheses(twin: TwinModel, joints: Sequence[str], *, whole_hand: bool) -> l
     """All effects at the given joints and their servos, without those that the twin already has."""
     driving = [a for a, row in zip(twin.actuators, twin.drive, strict=True)
                if any(row[twin.joints.index(j)] for j in joints)]  # fmt: skip
-    targets = list(dict.fromkeys([*joints, *driving, *(["hand"] if whole_hand else [])]))
+    targets: list[str] = list(joints)
+    targets += [command for command in driving if command not in targets]
+    targets += ["hand"] if whole_hand else []
     present = {(t.effect, t.target) for t in twin.terms.effects}
     found = []
     for effect in LIBRARY.values():

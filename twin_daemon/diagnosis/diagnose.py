@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
+from twin_daemon.diagnosis.candidates import hypotheses
 from twin_daemon.diagnosis.cores import concurrently
-from twin_daemon.diagnosis.candidates import Hypothesis, hypotheses
 from twin_daemon.diagnosis.gate import ADEQUATE, HeldOut, judge
 from twin_daemon.diagnosis.partfit import Fit, PartFit, descended, knob_interval, unit_sigmas
 from twin_daemon.diagnosis.segments import segments
@@ -222,9 +221,7 @@ def _nothing_moves(joints: Sequence[str] | None) -> Diagnosis:
     return Diagnosis("not_excited", reason, (), (), (), {})
 
 
-def _conclude(
-    twin: TwinModel, train: Sequence[Aligned], outcomes: Sequence[_Outcome], interrupted: bool
-) -> Diagnosis:
+def _conclude(twin: TwinModel, train: Sequence[Aligned], outcomes: Sequence[_Outcome], interrupted: bool) -> Diagnosis:
     findings = [_finding(*item) for outcome in outcomes for item in outcome.accepted]
     findings.sort(key=lambda f: -f.evidence)
     loud = [o for o in outcomes if not o.quiet]
@@ -283,7 +280,8 @@ def _finding(part: PartFit, fit: Fit, judged: HeldOut, rivals: tuple[str, ...]) 
         driven = [twin.joints[j] for j in np.flatnonzero(row)]
     elif hypothesis.target == "hand":
         driven = list(part.joints)
-    joints = tuple(dict.fromkeys([*([] if hypothesis.target == "hand" else [hypothesis.target]), *driven]))
+    own = [] if hypothesis.target == "hand" else [hypothesis.target]
+    joints = (*own, *(joint for joint in driven if joint not in own))
     effect = hypothesis.effect
     return Finding(
         effect=effect.key,

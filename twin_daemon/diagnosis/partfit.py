@@ -18,7 +18,7 @@ from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
 
 _STEP = 3e-3  # of a knob's box, for its derivative
-_NUISANCE_ITERATIONS = 10
+_NUISANCE_ITERATIONS = 15
 
 
 @dataclass(frozen=True)
@@ -59,9 +59,7 @@ class PartFit:
         self.knobs = nuisance_knobs(twin, recordings, joints)
         self._corrections = step_corrections(twin, recordings, joints)
         self.floor = self.floor + np.mean([(0.5 * c).var(axis=0) for c in self._corrections], axis=0)
-        self.problem = WhitenedProblem(
-            twin, recordings, self.knobs, joints, self.floor, corrections=self._corrections
-        )
+        self.problem = WhitenedProblem(twin, recordings, self.knobs, joints, self.floor, corrections=self._corrections)
         self._coarse = twin.at_step(2.0 * float(twin.model.opt.timestep))
         self.base = self._fit_nuisances()
 
@@ -196,7 +194,7 @@ def descended(hypothesis: Hypothesis | None, problem: WhitenedProblem, start: np
         bounds=[np.zeros(len(start)), np.ones(len(start))],
         eps=_STEP,
         max_iter=iterations,
-        xtol=1e-3,
+        xtol=2e-4,
         verbose=minimize.Verbosity.SILENT,
     )
     point = np.clip(np.ravel(found), 0.0, 1.0)

@@ -55,7 +55,7 @@ def where_it_fails(twin: TwinModel, recordings: Sequence[Aligned]) -> list[dict[
 
 
 def conditions(time_s: np.ndarray, position: np.ndarray) -> dict[str, np.ndarray]:
-    """What one joint was doing at each sample, as masks (n,): holds, directions, speeds, reversals, thirds of travel."""
+    """What one joint was doing at each sample, as masks (n,): holds, directions, speeds, reversals, travel."""
     filled = np.interp(time_s, time_s[np.isfinite(position)], position[np.isfinite(position)])
     width = max(1, int(0.06 / max(float(np.median(np.diff(time_s))), 1e-6)))
     smooth = np.convolve(np.pad(filled, width, mode="edge"), np.ones(2 * width + 1) / (2 * width + 1), mode="valid")

@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 
 from twin_daemon.effects import LIBRARY
-from twin_daemon.effects.mjcf_text import mjcf_text
 from twin_daemon.effects.base import Measurement, Place, Scale, link_tendon, motor_joint
+from twin_daemon.effects.mjcf_text import mjcf_text
 from twin_daemon.errors import BadInput, nearest
 from twin_daemon.hand.description import Hand
 from twin_daemon.hand.naming import match
