@@ -35,6 +35,7 @@ COMMANDS: dict[str, Entry] = {
     "compare": Entry("compare", "The model against measurements, joint by joint.", OFFLINE),
     "check": Entry("check", "What the data can and cannot tell, before a fit.", OFFLINE),
     "calibrate": Entry("calibrate", "Fit parameters to recordings and store the result as a version.", OFFLINE),
+    "diagnose": Entry("diagnose", "Which physical effect the twin lacks, with evidence.", OFFLINE),
     "effects": Entry("effects", "The library of physical effects; KEY explains one.", OFFLINE),
     "doctor": Entry("doctor", "What is missing on this machine.", STATE),
     "versions": Entry("versions", "List, compare, promote, roll back, export and verify what was learned.", STATE),

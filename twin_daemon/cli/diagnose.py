@@ -1,0 +1,237 @@
+"""`twin diagnose`: which physical effect the twin lacks, or the plain word that the data do not say."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from twin_daemon.cli import options
+from twin_daemon.cli.console import emit_json, people, plain_text, progress_console
+from twin_daemon.cli.session import Session, open_session, require_folder
+from twin_daemon.cli.tables import slim_table
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from twin_daemon.diagnosis.verdict import Diagnosis, Finding
+    from twin_daemon.simulation.alignment import Aligned
+    from twin_daemon.simulation.twin import TwinModel
+
+IN_WORDS = {
+    "explained": "Explained: the library has what the twin lacks.",
+    "ambiguous": "Ambiguous: more than one effect explains these data equally well.",
+    "not_excited": "Not excited: this motion cannot show what the twin lacks.",
+    "unexplained": "Unexplained: something is missing that no effect of the library accounts for.",
+    "within_noise": "Within noise: these data ask for no further effect.",
+}
+
+_MOST_TRIED = 10
+_MOST_WHERE = 8
+
+
+def command(
+    recording: options.Recordings,
+    holdout: options.Holdouts = None,
+    joints: options.Joints = None,
+    seed: options.Seed = 0,
+    hand: options.HandName = None,
+    model: options.Model = None,
+    version: options.VersionRef = None,
+    terms: options.Terms = None,
+    trajectory: options.TrajectoryRef = None,
+    joint_map: options.JointMap = None,
+    json: options.Json = None,
+) -> None:
+    """Name the physical effects that the twin lacks, with evidence, or say that the data cannot tell.
+
+    Every effect of the library is refitted where it could act, and counts only if motion that it was not fitted to
+    gets better by it. Candidates appear as they are judged; Ctrl-C keeps what is done. Nothing is stored.
+    """
+    require_folder(json)
+    session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)
+    chosen = joint_names(session.twin, joints)
+    train, held, notes = train_and_held(session, recording, holdout, trajectory)
+    began = time.perf_counter()
+    found = diagnosed(session.twin, train, held, joints=chosen, seed=seed)
+    payload = {
+        **as_json(found),
+        "notes": [*notes, *found.notes],
+        "hand": session.hand.name,
+        "version": session.version,
+        "seed": seed,
+        "wall_s": time.perf_counter() - began,
+    }
+    _show(people(json), payload, found)
+    emit_json(json, payload)
+
+
+def joint_names(twin: TwinModel, given: Sequence[str] | None) -> list[str] | None:
+    """The twin's own names of joints; a command stands for what it drives. BadInput with the nearest name."""
+    if not given:
+        return None
+    names: list[str] = []
+    for target in given:
+        place = twin.place(target)
+        if place.joint is not None:
+            names.append(place.target)
+        else:
+            row = twin.drive[twin.actuators.index(place.target)]
+            names += [joint for joint, share in zip(twin.joints, row, strict=True) if share]
+    return list(dict.fromkeys(names))
+
+
+def train_and_held(
+    session: Session, recording: Sequence[Path], holdout: Sequence[Path] | None, trajectory: str | None
+) -> tuple[list[Aligned], list[Aligned], list[str]]:
+    """(recordings to fit, recordings to judge by, what has to be said about them)."""
+    from twin_daemon.comparison.split import hold_out
+
+    train = session.recordings(recording, trajectory)
+    held = session.recordings(holdout or [], trajectory)
+    if held:
+        return train, held, []
+    train, held = hold_out(train)
+    return train, held, ["no --holdout: every third stretch of each recording is held out, so the intervals are wider"]
+
+
+def diagnosed(
+    twin: TwinModel,
+    train: Sequence[Aligned],
+    held: Sequence[Aligned],
+    *,
+    joints: Sequence[str] | None = None,
+    seed: int = 0,
+    most_effects: int | None = None,
+) -> Diagnosis:
+    """The diagnosis, each candidate on standard error as soon as it is judged."""
+    from twin_daemon.diagnosis.diagnose import diagnose
+
+    limits = {} if most_effects is None else {"most_effects": most_effects}
+    with streaming() as say:
+        return diagnose(twin, train, held, joints=joints, seed=seed, stream=say, **limits)
+
+
+class streaming:
+    """Lines above a running clock on standard error."""
+
+    def __init__(self) -> None:
+        from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+        columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+        self._progress = Progress(*columns, console=progress_console(), transient=True)
+
+    def __enter__(self) -> Callable[[str], None]:
+        self._progress.start()
+        self._progress.add_task("refitting candidates", total=None)
+        return lambda line: self._progress.console.print(plain_text(line), soft_wrap=True)
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+
+def finding_json(finding: Finding) -> dict[str, Any]:
+    """A finding as the contract spells it."""
+    return {
+        "effect": finding.effect,
+        "target": finding.target,
+        "joints": finding.joints,
+        "parameters": {
+            name: {"value": p.value, "unit": p.unit, "ci95": list(p.ci95)} for name, p in finding.parameters.items()
+        },
+        "evidence": finding.evidence,
+        "holdout_mse_before": finding.holdout_mse_before,
+        "holdout_mse_after": finding.holdout_mse_after,
+        "holdout_gain": finding.holdout_gain,
+        "holdout_gain_ci95": list(finding.holdout_gain_ci95),
+        "confusable_with": list(finding.confusable_with),
+        "explanation": finding.explanation,
+    }
+
+
+def as_json(found: Diagnosis) -> dict[str, Any]:
+    """A diagnosis as the contract spells it."""
+    return {
+        "verdict": found.verdict,
+        "reason": found.reason,
+        "findings": [finding_json(f) for f in found.findings],
+        "tried": found.tried,
+        "where": found.where,
+        "parts": found.parts,
+        "moved_parameters": found.moved_parameters,
+        "next_experiment": found.next_experiment,
+        "interrupted": found.interrupted,
+    }
+
+
+# -- for people --------------------------------------------------------------------------------------------
+
+
+def _show(console: Console, payload: dict[str, Any], found: Diagnosis) -> None:
+    console.print(f"[bold]{IN_WORDS[found.verdict]}[/]")
+    console.print(f"  {plain_text(found.reason)}")
+    if found.interrupted:
+        console.print("  [bold]Interrupted[/]: this is what was known until then.")
+    for finding in found.findings:
+        show_finding(console, finding)
+    for moved in found.moved_parameters:
+        console.print(f"{plain_text(moved['parameter'])} sits {moved['sigma']:+.1f} sigma from the model's value")
+    _show_where(console, found)
+    _show_tried(console, found)
+    for note in payload["notes"]:
+        console.print(f"note: {plain_text(note)}")
+    for line in _how_to_go_on(found):
+        console.print(line, markup=False)
+
+
+def show_finding(console: Console, finding: Finding) -> None:
+    """One finding: its values with their intervals, what it does on held-out motion, and what it means."""
+    low, high = finding.holdout_gain_ci95
+    console.print(f"\n[bold]{plain_text(finding.effect)}[/] at [bold]{plain_text(finding.target)}[/]")
+    for name, p in finding.parameters.items():
+        unit = "" if p.unit == "1" else f" {p.unit}"
+        console.print(f"  {name} = {p.value:.4g}{unit} (95 %: {p.ci95[0]:.4g} to {p.ci95[1]:.4g})")
+    console.print(
+        f"  held out: {finding.holdout_mse_before:.3g} -> {finding.holdout_mse_after:.3g} rad², "
+        f"gain {finding.holdout_gain:.0%} (95 %: {low:.0%} to {high:.0%}); evidence {finding.evidence:.0f} nats"
+    )
+    if finding.confusable_with:
+        console.print(f"  not told apart from: {plain_text(', '.join(finding.confusable_with))}")
+    console.print(f"  {plain_text(finding.explanation)}")
+
+
+def _show_where(console: Console, found: Diagnosis) -> None:
+    if not found.where:
+        return
+    table = slim_table("where it fails", ("joint", "while", "rmse mrad", "over its mean"), words=("while",))
+    for row in found.where[:_MOST_WHERE]:
+        table.add_row(
+            plain_text(row["joint"]), row["condition"], f"{1e3 * row['rmse_rad']:.2f}", f"{row['times_average']:.1f}x"
+        )
+    console.print(table)
+
+
+def _show_tried(console: Console, found: Diagnosis) -> None:
+    if not found.tried:
+        return
+    best = sorted(found.tried, key=lambda trial: -trial.evidence)[:_MOST_TRIED]
+    table = slim_table(
+        f"what else was tried ({len(best)} of {len(found.tried)})", ("candidate", "nats", "why not"), words=("why not",)
+    )
+    for trial in best:
+        table.add_row(plain_text(f"{trial.effect}:{trial.target}"), f"{trial.evidence:.0f}", trial.lost_because)
+    console.print(table)
+
+
+def _how_to_go_on(found: Diagnosis) -> list[str]:
+    lines = []
+    if found.next_experiment is not None:
+        lines.append(f"Next experiment: run {found.next_experiment['path']}, record it, and diagnose it with this one.")
+        lines.append(f"  {found.next_experiment['why']}")
+    if found.findings and found.verdict != "ambiguous":
+        first = found.findings[0]
+        lines.append(f"Add it: twin add {first.effect} --joint {first.target} --recording R... (twin ladder adds all)")
+    if found.verdict == "unexplained":
+        lines.append("Look at the joints and conditions above: the cause is none that 'twin effects' lists.")
+    return lines
