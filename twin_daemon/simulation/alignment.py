@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -70,8 +71,9 @@ class Aligned:
         return twin.initial_qpos(position, control), qvel
 
 
-_ONSET_GRIDS = ((0.2, 9), (0.05, 5), (0.0125, 5))
-"""Roll-outs that look for an onset: reach (s) about the best so far, and how many."""
+_ONSET_ROLLOUTS = 4
+_ONSET_REACH_S = 0.2
+_ONSET_FOUND_S = 2e-4
 
 
 def _start(time_s: np.ndarray, values: np.ndarray) -> tuple[float, float]:
@@ -166,46 +168,45 @@ def command_onset(twin: TwinModel, aligned: Aligned) -> float:
 def model_onset(twin: TwinModel, aligned: Aligned, *, threads: int | None = None) -> float:
     """The shift (s) at which the twin's own roll-out lies closest to the measured actuated angles.
 
-    Starts from the raw command's onset; the model brings a lag of its own, so its command has to lead.
+    Starts from the raw command's onset; the model brings a lag of its own, so its command has to lead. A command
+    that comes later moves the whole prediction later, but for the start, so one roll-out tells the next shift.
     """
     onset = command_onset(twin, aligned)
-    use = [u for u in range(len(twin.actuators)) if (twin.drive[u] != 0)[aligned.moving].any()]
-    if not use:
+    actuated = twin.drive @ aligned.measured.T  # (nu, n)
+    use = np.any(twin.drive[:, aligned.moving] != 0, axis=1) & np.isfinite(actuated).any(axis=1)
+    if not use.any():
         return onset
-    for span, count in _ONSET_GRIDS:
-        trials = onset + np.linspace(-span, span, count)
-        predicted = predict(twin, aligned, onsets_s=trials, threads=threads)
-        actuated = np.einsum("uj,bnj->bun", twin.drive[use], predicted - aligned.measured)
-        errors = np.nanmean(actuated**2, axis=(1, 2))
-        errors = np.where(np.isfinite(errors), errors, np.inf)
-        onset = _parabola(trials, errors)
-    return onset
+    measured = actuated[use]
+    best = (np.inf, onset)
+    for _ in range(_ONSET_ROLLOUTS):
+        predicted = twin.drive[use] @ predict(twin, aligned.with_onset(onset), threads=threads).T
+        if not np.isfinite(predicted).all():
+            break
+
+        def error(shift: float, predicted: np.ndarray = predicted) -> float:
+            moved = [np.interp(aligned.time_s - shift, aligned.time_s, row) for row in predicted]
+            return float(np.nanmean((np.array(moved) - measured) ** 2))
+
+        best = min(best, (error(0.0), onset))
+        grid = np.linspace(-_ONSET_REACH_S, _ONSET_REACH_S, 41)
+        near = float(grid[int(np.argmin([error(shift) for shift in grid]))])
+        found: Any = minimize_scalar(error, bounds=(near - 0.01, near + 0.01), method="bounded", options={"xatol": 1e-5})
+        if abs(found.x) < _ONSET_FOUND_S:
+            break
+        onset += float(found.x)
+    return best[1]
 
 
-def _parabola(x: np.ndarray, y: np.ndarray) -> float:
-    best = int(np.argmin(y))
-    if 0 < best < len(x) - 1 and np.isfinite(y[best - 1 : best + 2]).all():
-        left, middle, right = y[best - 1 : best + 2]
-        curvature = left - 2 * middle + right
-        if curvature > 0:
-            return float(x[best] + 0.5 * (x[1] - x[0]) * (left - right) / curvature)
-    return float(x[best])
-
-
-def predict(
-    twin: TwinModel, aligned: Aligned, *, onsets_s: np.ndarray | None = None, threads: int | None = None
-) -> np.ndarray:
-    """What the sensors would read had the twin been the hand: (n, j), or (B, n, j) for B onsets."""
+def predict(twin: TwinModel, aligned: Aligned, *, threads: int | None = None) -> np.ndarray:
+    """What the sensors would read had the twin been the hand: (n, j) rad."""
     step_s = float(twin.model.opt.timestep)
     steps = int(np.ceil(aligned.time_s[-1] / step_s)) + 1
     grid = np.arange(steps) * step_s
-    onsets = np.atleast_1d(aligned.onset_s if onsets_s is None else onsets_s)
-    controls = np.stack([aligned.controls(twin, grid, onset) for onset in onsets])
+    controls = aligned.controls(twin, grid)
     qpos, qvel = aligned.start_state(twin)
-    positions = roll_out([twin.model], controls, qpos[None], qvel[None], threads=threads)
+    positions = roll_out([twin.model], controls[None], qpos[None], qvel[None], threads=threads)
     sampled = resample(positions[:, :, twin.qpos_adr], step_s, aligned.time_s)
-    read = twin.measurement.apply(twin.joints, sampled)
-    return read if onsets_s is not None else read[0]
+    return twin.measurement.apply(twin.joints, sampled)[0]
 
 
 def resample(positions: np.ndarray, step_s: float, time_s: np.ndarray) -> np.ndarray:
