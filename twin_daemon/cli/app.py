@@ -36,6 +36,8 @@ COMMANDS: dict[str, Entry] = {
     "check": Entry("check", "What the data can and cannot tell, before a fit.", OFFLINE),
     "calibrate": Entry("calibrate", "Fit parameters to recordings and store the result as a version.", OFFLINE),
     "diagnose": Entry("diagnose", "Which physical effect the twin lacks, with evidence.", OFFLINE),
+    "add": Entry("add", "Put an effect into the twin, fitted where there are recordings.", OFFLINE),
+    "remove": Entry("remove", "Take an effect out of the twin again.", OFFLINE),
     "effects": Entry("effects", "The library of physical effects; KEY explains one.", OFFLINE),
     "doctor": Entry("doctor", "What is missing on this machine.", STATE),
     "versions": Entry("versions", "List, compare, promote, roll back, export and verify what was learned.", STATE),

@@ -1,0 +1,227 @@
+"""`twin add`: put an effect into the twin, fit it where there are recordings, and store a candidate version."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from twin_daemon.cli import options
+from twin_daemon.cli.console import emit_json, people, plain_text
+from twin_daemon.cli.diagnose import train_and_held
+from twin_daemon.cli.effects import _nearest as nearest_effect
+from twin_daemon.cli.session import Session, open_session, require_folder
+from twin_daemon.cli.tables import slim_table
+from twin_daemon.errors import BadInput
+
+if TYPE_CHECKING:
+    from twin_daemon.diagnosis.refit import RefittedValue
+    from twin_daemon.effects.base import Effect, Place
+    from twin_daemon.simulation.alignment import Aligned
+    from twin_daemon.simulation.terms import EffectTerm
+    from twin_daemon.simulation.twin import TwinModel
+    from twin_daemon.versions import Draft
+
+Key = Annotated[str, typer.Argument(metavar="EFFECT", help="A key of the library: twin effects lists them.")]
+
+
+def command(
+    effect: Key,
+    joint: options.JointNames,
+    set: options.Settings = None,
+    recording: options.OptionalRecordings = None,
+    holdout: options.Holdouts = None,
+    hand: options.HandName = None,
+    model: options.Model = None,
+    version: options.VersionRef = None,
+    terms: options.Terms = None,
+    trajectory: options.TrajectoryRef = None,
+    joint_map: options.JointMap = None,
+    json: options.Json = None,
+) -> None:
+    """Add an effect at each joint ('hand' for effects of the whole hand) and store a candidate version.
+
+    With recordings the effect's values are fitted, the model's uncertain parameters beside them under priors; what
+    --set gives stays as given. Without recordings the values are those of --set, and typical ones for the rest.
+    """
+    require_folder(json)
+    session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)
+    kind = known_effect(effect)
+    given = options.settings(set)
+    start = kind.complete(given)
+    targets = effect_targets(session.twin, kind, joint)
+    added = [_term(effect, target, start) for target in targets]
+    changed = _changed(session.twin, added)
+    fitted: dict[str, RefittedValue] = {}
+    train, held, notes = data_of(session, recording, holdout, trajectory)
+    if train:
+        from twin_daemon.diagnosis.refit import refit_effect
+
+        refit = refit_effect(session.twin, train, kind, targets, given)
+        changed, fitted = _changed(session.twin, refit.terms), refit.values
+        notes += refit.notes
+    payload = {
+        "effect": effect,
+        "targets": targets,
+        **errors(session.twin, changed, train, held),
+        "parameters": {
+            name: {"value": v.value, "unit": v.unit, "ci95": list(v.ci95), "at_bound": v.at_bound}
+            for name, v in fitted.items()
+        },
+        "terms": changed.terms.as_json(),
+    }
+    draft = draft_of(session, changed, "effect_added", f"{effect} at {', '.join(targets)}", payload, train, held)
+    payload["version"] = session.store.add(draft, changed.mjcf(), alias="candidate").id
+    payload["parent"], payload["notes"] = session.version, notes
+    show_change(f"{effect} added at {', '.join(targets)}", payload, json)
+    emit_json(json, payload)
+
+
+def known_effect(key: str) -> Effect:
+    """The effect of the library with this key. BadInput with the nearest one."""
+    from twin_daemon.effects import LIBRARY
+
+    if key not in LIBRARY:
+        raise BadInput(f"no effect '{key}'", todo=nearest_effect(key, list(LIBRARY)))
+    return LIBRARY[key]
+
+
+def effect_targets(twin: TwinModel, kind: Effect, joints: Sequence[str]) -> list[str]:
+    """The twin's names of the places where the effect shall act. BadInput where it cannot, with where it can."""
+    targets = []
+    for name in joints:
+        place = twin.place(name)
+        if not kind.applies(place):
+            raise BadInput(
+                f"'{kind.key}' acts on {_acts_on(kind)}, not on '{place.target}'", todo=_hint(twin, kind, place)
+            )
+        targets.append(place.target)
+    return list(dict.fromkeys(targets))
+
+
+def _acts_on(kind: Effect) -> str:
+    return (
+        "the whole hand" if kind.acts_on == "hand" else f"{'an' if kind.acts_on == 'actuator' else 'a'} {kind.acts_on}"
+    )
+
+
+def _hint(twin: TwinModel, kind: Effect, place: Place) -> str:
+    if kind.acts_on == "hand":
+        return "Give --joint hand"
+    fitting = [n for n in dict.fromkeys([*twin.actuators, *twin.joints]) if kind.applies(twin.place(n))]
+    related = {place.command, *_driven(twin, place)}
+    near = [name for name in fitting if name in related] or fitting
+    if not near:
+        return f"{twin.hand.name} has no place for it"
+    return f"Give --joint {' or '.join(near[:4])}"
+
+
+def _driven(twin: TwinModel, place: Place) -> list[str]:
+    if place.command is None:
+        return []
+    row = twin.drive[twin.actuators.index(place.command)]
+    return [joint for joint, share in zip(twin.joints, row, strict=True) if share]
+
+
+def _term(effect: str, target: str, values: Mapping[str, float]) -> EffectTerm:
+    from twin_daemon.simulation.terms import EffectTerm
+
+    return EffectTerm(effect=effect, target=target, values=dict(values))
+
+
+def _changed(twin: TwinModel, added: Sequence[EffectTerm]) -> TwinModel:
+    """The twin with these effects. BadInput where they cannot stand beside what it has."""
+    terms = twin.terms
+    for term in added:
+        terms = terms.with_effect(term)
+    return twin.changed(terms)
+
+
+# -- what add and remove share -----------------------------------------------------------------------------
+
+
+def data_of(
+    session: Session, recording: Sequence[Path] | None, holdout: Sequence[Path] | None, trajectory: str | None
+) -> tuple[list[Aligned], list[Aligned], list[str]]:
+    """(recordings to fit, to judge by, notes); all empty where none are given."""
+    if not recording:
+        if holdout:
+            raise BadInput("--holdout without --recording: nothing would be fitted", todo="Give --recording as well")
+        return [], [], []
+    return train_and_held(session, recording, holdout, trajectory)
+
+
+def mean_error(twin: TwinModel, recordings: Sequence[Aligned]) -> float | None:
+    """Mean squared error (rad^2) of the twin over the joints that move; None without recordings."""
+    from twin_daemon.comparison.compare import compare_recording, mean_over_moving, pooled
+
+    if not recordings:
+        return None
+    return mean_over_moving(pooled([compare_recording(twin, r) for r in recordings]))
+
+
+def errors(
+    before: TwinModel, after: TwinModel, train: Sequence[Aligned], held: Sequence[Aligned]
+) -> dict[str, dict[str, float | None]]:
+    """Errors of the twin before and after a change, as the contract spells them."""
+    return {
+        "before": {"mse_rad2": mean_error(before, train)},
+        "after": {"mse_rad2": mean_error(after, train)},
+        "holdout_before": {"mse_rad2": mean_error(before, held)},
+        "holdout_after": {"mse_rad2": mean_error(after, held)},
+    }
+
+
+def draft_of(
+    session: Session,
+    changed: TwinModel,
+    kind: str,
+    title: str,
+    payload: Mapping[str, Any],
+    train: Sequence[Aligned],
+    held: Sequence[Aligned],
+) -> Draft:
+    """The version of a changed twin, with the errors and fitted values that a payload has."""
+    from twin_daemon.versions import Draft, ParameterRecord, RecordingUsed
+
+    names = ("before", "after", "holdout_before", "holdout_after")
+    return Draft(
+        hand=session.hand.name,
+        kind=kind,
+        terms=changed.terms.as_json(),
+        parent=session.version,
+        title=title,
+        parameters={
+            name: ParameterRecord(value=p["value"], unit=p["unit"], ci95=p["ci95"], at_bound=p.get("at_bound", False))
+            for name, p in payload.get("parameters", {}).items()
+        },
+        fitted_on=tuple(RecordingUsed(name=r.recording.name, sha256=r.recording.sha256) for r in train),
+        held_out_on=tuple(RecordingUsed(name=r.recording.name, sha256=r.recording.sha256) for r in held),
+        errors={name: payload[name] for name in names if name in payload} if train else {},
+    )
+
+
+def show_change(title: str, payload: Mapping[str, Any], json: str | None) -> None:
+    """What was changed and what it did to the errors, for people."""
+    console = people(json)
+    console.print(f"[bold]{plain_text(title)}[/]")
+    if payload.get("parameters"):
+        table = slim_table("fitted", ("parameter", "value", "95 % interval", "unit"))
+        for name, p in payload["parameters"].items():
+            mark = " on its bound" if p["at_bound"] else ""
+            table.add_row(
+                plain_text(name), f"{p['value']:.4g}{mark}", f"{p['ci95'][0]:.3g} .. {p['ci95'][1]:.3g}", p["unit"]
+            )
+        console.print(table)
+    for label, name in (("recorded", ""), ("held out", "holdout_")):
+        before, after = (payload[f"{name}{when}"]["mse_rad2"] for when in ("before", "after"))
+        if before is not None and after is not None:
+            console.print(f"{label}: {before:.4g} -> [bold]{after:.4g} rad²[/]")
+            if name and after >= before:
+                console.print("  [bold]not better on motion it has not seen[/]: do not promote it")
+    for note in payload["notes"]:
+        console.print(f"note: {plain_text(note)}")
+    short = payload["version"][:12]
+    console.print(f"stored as candidate {short} (twin versions show {short}, twin versions promote)")

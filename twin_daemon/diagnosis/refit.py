@@ -1,0 +1,175 @@
+"""The values of one named effect, fitted to recordings beside what is uncertain about the model anyway."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin_daemon.diagnosis.candidates import Hypothesis
+from twin_daemon.diagnosis.nuisances import nuisance_knobs
+from twin_daemon.diagnosis.partfit import Fit, descended, knob_interval, unit_sigmas
+from twin_daemon.diagnosis.segments import segments
+from twin_daemon.diagnosis.whitened import WhitenedProblem, floor_variance, step_corrections
+from twin_daemon.effects.base import Effect
+from twin_daemon.errors import BadInput
+from twin_daemon.fitting.knobs import Knob
+from twin_daemon.fitting.reduce import restricted, touching
+from twin_daemon.simulation.alignment import Aligned
+from twin_daemon.simulation.submodel import parts, submodel
+from twin_daemon.simulation.terms import EffectTerm
+from twin_daemon.simulation.twin import TwinModel
+
+_ITERATIONS = 14
+_STARTS = 2  # descents, from the best of the effect's own starts
+
+
+@dataclass(frozen=True)
+class RefittedValue:
+    """One fitted parameter with its 95 % interval, in `unit`."""
+
+    value: float
+    unit: str
+    ci95: tuple[float, float]
+    at_bound: bool
+
+
+@dataclass(frozen=True)
+class Refit:
+    """The effect's terms with fitted values, and these by "key:target.parameter"."""
+
+    terms: tuple[EffectTerm, ...]
+    values: dict[str, RefittedValue]
+    notes: list[str]
+
+
+def refit_effect(
+    twin: TwinModel,
+    recordings: Sequence[Aligned],
+    effect: Effect,
+    targets: Sequence[str],
+    given: Mapping[str, float],
+) -> Refit:
+    """Fits an effect at its targets, `given` values fixed, part by part where parts move on their own.
+
+    Damping, friction, armature, gain and delay move along under their priors, so that a friction that is 10 % off
+    does not bend the effect's values; the twin itself keeps its own. Raises BadInput where nothing concerned moves.
+    """
+    moving = {n for i, n in enumerate(twin.joints) if any(r.moving[i] for r in recordings)}
+    contacts = any(touching(twin, r) for r in recordings)
+    terms: list[EffectTerm] = []
+    values: dict[str, RefittedValue] = {}
+    notes: list[str] = []
+    for members, own in _groups(twin, targets, together=contacts):
+        joints = [n for n in twin.joints if n in members and n in moving]
+        still = [t for t in own if t != "hand" and not set(driven_by(twin, t)) & moving]
+        if still or not joints:
+            raise BadInput(
+                f"{', '.join(still or own)} does not move in these recordings: nothing to fit '{effect.key}' to",
+                todo="Record a motion of it, or add the effect with --set and without --recording",
+            )
+        best = _fit(twin, recordings, effect, own, given, joints, whole=contacts or own == ["hand"])
+        for target in own:
+            term, found = _read(best, effect, target)
+            terms.append(term)
+            values |= found
+    for name, value in values.items():
+        if value.at_bound:
+            notes.append(f"{name} sits on the end of its range: the effect may be the wrong one")
+    return Refit(tuple(terms), values, notes)
+
+
+def driven_by(twin: TwinModel, target: str) -> list[str]:
+    """The joints that a target stands for: itself, or what the command drives."""
+    if target in twin.joints:
+        return [target]
+    row = twin.drive[twin.actuators.index(target)]
+    return [joint for joint, share in zip(twin.joints, row, strict=True) if share]
+
+
+def _groups(twin: TwinModel, targets: Sequence[str], *, together: bool) -> list[tuple[set[str], list[str]]]:
+    """(joints that are judged, targets that are fitted together)."""
+    if "hand" in targets:
+        return [(set(twin.joints), list(targets))]
+    found = []
+    for part in parts(twin):
+        own = [t for t in targets if set(driven_by(twin, t)) & set(part.joints)]
+        if own:
+            found.append((set(part.joints), own))
+    if together and len(found) > 1:
+        return [(set().union(*(members for members, _ in found)), list(targets))]
+    return found
+
+
+def _fit(
+    twin: TwinModel,
+    recordings: Sequence[Aligned],
+    effect: Effect,
+    targets: Sequence[str],
+    given: Mapping[str, float],
+    joints: Sequence[str],
+    *,
+    whole: bool,
+) -> Fit:
+    small = twin if whole else _part(twin, recordings, joints)
+    pieces = [piece for r in recordings for piece in segments(restricted(r, small.joints), joints)]
+    floor = floor_variance(pieces, joints)
+    corrections = step_corrections(small, pieces, joints)
+    floor = floor + np.mean([(0.5 * c).var(axis=0) for c in corrections], axis=0)
+    hypotheses = [_hypothesis(small, effect, target, joints[0]) for target in targets]
+    spoken = set().union(*(h.speaks_for(small) for h in hypotheses))
+    nuisances = tuple(k for k in nuisance_knobs(small, pieces, joints) if k.name not in spoken)
+    offsets = set().union(*(h.holds_offset() for h in hypotheses))
+    trials = []
+    for number in range(max(len(h.starts) for h in hypotheses)):
+        terms, knobs = small.terms, []
+        for h in hypotheses:
+            start = {**h.starts[min(number, len(h.starts) - 1)], **given}
+            terms = terms.with_effect(h.term(start))
+            knobs += [k for k in h.knobs(start) if k.name.rpartition(".")[2] not in given]
+        problem = WhitenedProblem(
+            small.changed(terms), pieces, (*knobs, *nuisances), joints, floor,
+            offset_held=offsets, corrections=corrections,
+        )  # fmt: skip
+        rows = problem.residuals(problem.start[None])[0]
+        trials.append((float(rows @ rows), number, problem))
+    trials.sort(key=lambda trial: trial[:2])
+    fits = [descended(None, problem, problem.start, _ITERATIONS) for _, _, problem in trials[:_STARTS]]
+    return min(fits, key=lambda fit: fit.cost)
+
+
+def _part(twin: TwinModel, recordings: Sequence[Aligned], joints: Sequence[str]) -> TwinModel:
+    keep = set(joints)
+    for part in parts(twin):
+        if set(part.joints) & keep:
+            keep |= {n for n in part.trunk if any(r.moving[twin.joints.index(n)] for r in recordings)}
+    for row in twin.drive:
+        coupled = {twin.joints[j] for j in np.flatnonzero(row)}
+        if coupled & keep:
+            keep |= coupled
+    return submodel(twin, tuple(n for n in twin.joints if n in keep), recordings[0].start_position)
+
+
+def _hypothesis(twin: TwinModel, effect: Effect, target: str, joint: str) -> Hypothesis:
+    starts = effect.starts(twin.scale(joint if target == "hand" else target))
+    return Hypothesis(effect, target, tuple(effect.complete(s) for s in starts))
+
+
+def _read(fit: Fit, effect: Effect, target: str) -> tuple[EffectTerm, dict[str, RefittedValue]]:
+    """The fitted term of one target, and its values with their intervals."""
+    held = next(t for t in fit.problem.twin.terms.effects if (t.effect, t.target) == (effect.key, target))
+    values = effect.complete(held.values)
+    widths = unit_sigmas(fit)
+    found = {}
+    for index, (knob, value) in enumerate(zip(fit.problem.knobs, fit.problem.values(fit.point), strict=True)):
+        if _belongs(knob, effect, target):
+            name = knob.name.rpartition(".")[2]
+            values[name] = float(value)
+            interval = knob_interval(fit, knob, widths[index])
+            found[knob.name] = RefittedValue(float(value), knob.unit, interval, knob.at_bound(float(value)))
+    return EffectTerm(effect=effect.key, target=target, values=values), found
+
+
+def _belongs(knob: Knob, effect: Effect, target: str) -> bool:
+    return any(write[:2] == ("effect", f"{effect.key}:{target}") for write in knob.writes)
