@@ -29,11 +29,12 @@ DECISIVE_NATS = 5.0
 """Evidence between two candidates below which the data do not choose (odds of 150 to 1)."""
 
 _MOST_EFFECTS = 3
-_REFITTED = 9
+_REFITTED = 7
 _ROUGH = 4  # iterations of every candidate's fit
-_FINALISTS = 4
+_FINALISTS = 3
 _FINE = 8  # iterations more for the best of them
 _POSES = 400
+_SUSPECT_SIGMA = 2.5
 
 Stream = Callable[[str], None]
 """Called with one line whenever a candidate has been judged."""
@@ -168,8 +169,17 @@ def _step(
         for hypothesis, (gain, start) in zip(candidates, concurrently(part.screen, candidates), strict=True)
     ]
     screened.sort(key=lambda item: -item[0])
-    chosen = [item for item in screened[:_REFITTED] if item[0] > DECISIVE_NATS]
-    for gain, hypothesis, _ in screened[len(chosen) :]:
+    # what a nuisance stands in for is invisible beside it: where one strains, its own effect is tried as well;
+    # a weak servo, which friction hides best, always
+    strained = {name for name, sigma in part.strained(part.base).items() if abs(sigma) > _SUSPECT_SIGMA}
+    chosen = [
+        item
+        for rank, item in enumerate(screened)
+        if (rank < _REFITTED and item[0] > DECISIVE_NATS)
+        or item[1].speaks_for(part.twin) & strained
+        or item[1].effect.key == "actuator_gain"
+    ]
+    for gain, hypothesis, _ in (item for item in screened if item not in chosen):
         outcome.tried.append(Trial(hypothesis.effect.key, hypothesis.target, gain / 2.0, None, None,
                                    "takes too little of the error away to be worth a fit"))  # fmt: skip
     rough = concurrently(lambda item: part.refit(item[1], item[2], _ROUGH), chosen)
