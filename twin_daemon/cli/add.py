@@ -150,22 +150,15 @@ def data_of(
         if holdout:
             raise BadInput("--holdout without --recording: nothing would be fitted", todo="Give --recording as well")
         return [], [], []
-    return train_and_held(session, recording, holdout, trajectory)
-
-
-def mean_error(twin: TwinModel, recordings: Sequence[Aligned]) -> float | None:
-    """Mean squared error (rad^2) of the twin over the joints that move; None without recordings."""
-    from twin_daemon.comparison.compare import compare_recording, mean_over_moving, pooled
-
-    if not recordings:
-        return None
-    return mean_over_moving(pooled([compare_recording(twin, r) for r in recordings]))
+    return train_and_held(session, session.recordings(recording, trajectory), holdout, trajectory)
 
 
 def errors(
     before: TwinModel, after: TwinModel, train: Sequence[Aligned], held: Sequence[Aligned]
 ) -> dict[str, dict[str, float | None]]:
     """Errors of the twin before and after a change, as the contract spells them."""
+    from twin_daemon.diagnosis.ladder import mean_error
+
     return {
         "before": {"mse_rad2": mean_error(before, train)},
         "after": {"mse_rad2": mean_error(after, train)},
@@ -199,6 +192,7 @@ def draft_of(
         },
         fitted_on=tuple(RecordingUsed(name=r.recording.name, sha256=r.recording.sha256) for r in train),
         held_out_on=tuple(RecordingUsed(name=r.recording.name, sha256=r.recording.sha256) for r in held),
+        seed=payload.get("seed"),
         errors={name: payload[name] for name in names if name in payload} if train else {},
     )
 

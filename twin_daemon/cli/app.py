@@ -38,6 +38,7 @@ COMMANDS: dict[str, Entry] = {
     "diagnose": Entry("diagnose", "Which physical effect the twin lacks, with evidence.", OFFLINE),
     "add": Entry("add", "Put an effect into the twin, fitted where there are recordings.", OFFLINE),
     "remove": Entry("remove", "Take an effect out of the twin again.", OFFLINE),
+    "ladder": Entry("ladder", "Diagnose, add, refit, again: watch the error fall.", OFFLINE),
     "effects": Entry("effects", "The library of physical effects; KEY explains one.", OFFLINE),
     "doctor": Entry("doctor", "What is missing on this machine.", STATE),
     "versions": Entry("versions", "List, compare, promote, roll back, export and verify what was learned.", STATE),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +28,9 @@ IN_WORDS = {
     "within_noise": "Within noise: these data ask for no further effect.",
 }
 
+LEAST_S = 3.0
+"""A recording that is shorter says nothing."""
+
 _MOST_TRIED = 10
 _MOST_WHERE = 8
 
@@ -47,14 +51,27 @@ def command(
     """Name the physical effects that the twin lacks, with evidence, or say that the data cannot tell.
 
     Every effect of the library is refitted where it could act, and counts only if motion that it was not fitted to
-    gets better by it. Candidates appear as they are judged; Ctrl-C keeps what is done. Nothing is stored.
+    gets better by it. Candidates appear as they are judged; Ctrl-C keeps what is done. Nothing is stored but, where
+    the data cannot decide, a trajectory that would.
     """
     require_folder(json)
     session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)
     chosen = joint_names(session.twin, joints)
-    train, held, notes = train_and_held(session, recording, holdout, trajectory)
     began = time.perf_counter()
-    found = diagnosed(session.twin, train, held, joints=chosen, seed=seed)
+    train = session.recordings(recording, trajectory)
+    short = [r.recording.name for r in train if r.time_s[-1] < LEAST_S]
+    notes: list[str] = []
+    if short:
+        found = _too_short(short)
+    else:
+        train, held, notes = train_and_held(session, train, holdout, trajectory)
+        found = diagnosed(session.twin, train, held, joints=chosen, seed=seed)
+    if found.verdict in ("ambiguous", "not_excited"):
+        from twin_daemon.diagnosis.experiment import next_experiment
+        from twin_daemon.resources import state_dir
+
+        proposed = next_experiment(session.twin, train, found, state_dir() / "experiments", chosen)
+        found = replace(found, next_experiment=proposed)
     payload = {
         **as_json(found),
         "notes": [*notes, *found.notes],
@@ -83,17 +100,23 @@ def joint_names(twin: TwinModel, given: Sequence[str] | None) -> list[str] | Non
 
 
 def train_and_held(
-    session: Session, recording: Sequence[Path], holdout: Sequence[Path] | None, trajectory: str | None
+    session: Session, recorded: Sequence[Aligned], holdout: Sequence[Path] | None, trajectory: str | None
 ) -> tuple[list[Aligned], list[Aligned], list[str]]:
     """(recordings to fit, recordings to judge by, what has to be said about them)."""
     from twin_daemon.comparison.split import hold_out
 
-    train = session.recordings(recording, trajectory)
     held = session.recordings(holdout or [], trajectory)
     if held:
-        return train, held, []
-    train, held = hold_out(train)
+        return list(recorded), held, []
+    train, held = hold_out(recorded)
     return train, held, ["no --holdout: every third stretch of each recording is held out, so the intervals are wider"]
+
+
+def _too_short(names: Sequence[str]) -> Diagnosis:
+    from twin_daemon.diagnosis.verdict import Diagnosis
+
+    reason = f"{', '.join(names)}: shorter than {LEAST_S:g} s; record 15 s or more with steps, two speeds and holds"
+    return Diagnosis("not_excited", reason, (), (), (), {})
 
 
 def diagnosed(
@@ -125,7 +148,8 @@ class streaming:
     def __enter__(self) -> Callable[[str], None]:
         self._progress.start()
         self._progress.add_task("refitting candidates", total=None)
-        return lambda line: self._progress.console.print(plain_text(line), soft_wrap=True)
+        # neither markup nor emoji: 'gravity_tilt:hand:' is a name
+        return lambda line: self._progress.console.print(line, markup=False, emoji=False, soft_wrap=True)
 
     def __exit__(self, *_: object) -> None:
         self._progress.stop()

@@ -37,10 +37,14 @@ class RefittedValue:
 
 @dataclass(frozen=True)
 class Refit:
-    """The effect's terms with fitted values, and these by "key:target.parameter"."""
+    """The effect's terms with fitted values, and these by "key:target.parameter".
+
+    `parameters` are the model's own, absolute, where they came to lie beside the effect.
+    """
 
     terms: tuple[EffectTerm, ...]
     values: dict[str, RefittedValue]
+    parameters: dict[str, float]
     notes: list[str]
 
 
@@ -50,16 +54,21 @@ def refit_effect(
     effect: Effect,
     targets: Sequence[str],
     given: Mapping[str, float],
+    *,
+    start: Mapping[str, float] | None = None,
 ) -> Refit:
     """Fits an effect at its targets, `given` values fixed, part by part where parts move on their own.
 
+    Descends from the effect's own starts, or from `start` alone where the values are known roughly.
+
     Damping, friction, armature, gain and delay move along under their priors, so that a friction that is 10 % off
-    does not bend the effect's values; the twin itself keeps its own. Raises BadInput where nothing concerned moves.
+    does not bend the effect's values. Raises BadInput where nothing concerned moves.
     """
     moving = {n for i, n in enumerate(twin.joints) if any(r.moving[i] for r in recordings)}
     contacts = any(touching(twin, r) for r in recordings)
     terms: list[EffectTerm] = []
     values: dict[str, RefittedValue] = {}
+    parameters: dict[str, float] = {}
     notes: list[str] = []
     for members, own in _groups(twin, targets, together=contacts):
         joints = [n for n in twin.joints if n in members and n in moving]
@@ -69,7 +78,10 @@ def refit_effect(
                 f"{', '.join(still or own)} does not move in these recordings: nothing to fit '{effect.key}' to",
                 todo="Record a motion of it, or add the effect with --set and without --recording",
             )
-        best = _fit(twin, recordings, effect, own, given, joints, whole=contacts or own == ["hand"])
+        small, pieces = _pieces(twin, recordings, joints, whole=contacts or own == ["hand"])
+        hypotheses = [_hypothesis(small, effect, target, joints[0], start) for target in own]
+        best = _fit(small, pieces, hypotheses, given, joints)
+        parameters |= best.problem.settings(best.point)[0]
         for target in own:
             term, found = _read(best, effect, target)
             terms.append(term)
@@ -77,7 +89,21 @@ def refit_effect(
     for name, value in values.items():
         if value.at_bound:
             notes.append(f"{name} sits on the end of its range: the effect may be the wrong one")
-    return Refit(tuple(terms), values, notes)
+    return Refit(tuple(terms), values, parameters, notes)
+
+
+def refit_parameters(twin: TwinModel, recordings: Sequence[Aligned]) -> dict[str, float]:
+    """What the model's own parameters come to under their priors, without any new effect: absolute, by name."""
+    moving = {n for i, n in enumerate(twin.joints) if any(r.moving[i] for r in recordings)}
+    contacts = any(touching(twin, r) for r in recordings)
+    parameters: dict[str, float] = {}
+    for part in parts(twin):
+        joints = [n for n in part.joints if n in moving]
+        if joints:
+            small, pieces = _pieces(twin, recordings, joints, whole=contacts)
+            best = _fit(small, pieces, [], {}, joints)
+            parameters |= best.problem.settings(best.point)[0]
+    return parameters
 
 
 def driven_by(twin: TwinModel, target: str) -> list[str]:
@@ -102,36 +128,43 @@ def _groups(twin: TwinModel, targets: Sequence[str], *, together: bool) -> list[
     return found
 
 
+def _pieces(
+    twin: TwinModel, recordings: Sequence[Aligned], joints: Sequence[str], *, whole: bool
+) -> tuple[TwinModel, list[Aligned]]:
+    small = twin if whole else _part(twin, recordings, joints)
+    return small, [piece for r in recordings for piece in segments(restricted(r, small.joints), joints)]
+
+
 def _fit(
-    twin: TwinModel,
-    recordings: Sequence[Aligned],
-    effect: Effect,
-    targets: Sequence[str],
+    small: TwinModel,
+    pieces: Sequence[Aligned],
+    hypotheses: Sequence[Hypothesis],
     given: Mapping[str, float],
     joints: Sequence[str],
-    *,
-    whole: bool,
 ) -> Fit:
-    small = twin if whole else _part(twin, recordings, joints)
-    pieces = [piece for r in recordings for piece in segments(restricted(r, small.joints), joints)]
+    """The best descent of the hypotheses' parameters, together, and of all that is uncertain."""
     floor = floor_variance(pieces, joints)
     corrections = step_corrections(small, pieces, joints)
     floor = floor + np.mean([(0.5 * c).var(axis=0) for c in corrections], axis=0)
-    hypotheses = [_hypothesis(small, effect, target, joints[0]) for target in targets]
-    spoken = set().union(*(h.speaks_for(small) for h in hypotheses))
+    spoken = {name for h in hypotheses for name in h.speaks_for(small)}
     nuisances = tuple(k for k in nuisance_knobs(small, pieces, joints) if k.name not in spoken)
-    offsets = set().union(*(h.holds_offset() for h in hypotheses))
+    offsets = {joint for h in hypotheses for joint in h.holds_offset()}
     trials = []
-    for number in range(max(len(h.starts) for h in hypotheses)):
+    for number in range(max((len(h.starts) for h in hypotheses), default=1)):
         terms, knobs = small.terms, []
         for h in hypotheses:
             start = {**h.starts[min(number, len(h.starts) - 1)], **given}
             terms = terms.with_effect(h.term(start))
             knobs += [k for k in h.knobs(start) if k.name.rpartition(".")[2] not in given]
         problem = WhitenedProblem(
-            small.changed(terms), pieces, (*knobs, *nuisances), joints, floor,
-            offset_held=offsets, corrections=corrections,
-        )  # fmt: skip
+            small.changed(terms),
+            pieces,
+            (*knobs, *nuisances),
+            joints,
+            floor,
+            offset_held=offsets,
+            corrections=corrections,
+        )
         rows = problem.residuals(problem.start[None])[0]
         trials.append((float(rows @ rows), number, problem))
     trials.sort(key=lambda trial: trial[:2])
@@ -151,8 +184,10 @@ def _part(twin: TwinModel, recordings: Sequence[Aligned], joints: Sequence[str])
     return submodel(twin, tuple(n for n in twin.joints if n in keep), recordings[0].start_position)
 
 
-def _hypothesis(twin: TwinModel, effect: Effect, target: str, joint: str) -> Hypothesis:
-    starts = effect.starts(twin.scale(joint if target == "hand" else target))
+def _hypothesis(
+    twin: TwinModel, effect: Effect, target: str, joint: str, start: Mapping[str, float] | None
+) -> Hypothesis:
+    starts = effect.starts(twin.scale(joint if target == "hand" else target)) if start is None else (start,)
     return Hypothesis(effect, target, tuple(effect.complete(s) for s in starts))
 
 

@@ -1,0 +1,145 @@
+"""`twin ladder`: watch the error fall, one named effect after another."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from twin_daemon.cli import options
+from twin_daemon.cli.add import draft_of
+from twin_daemon.cli.console import emit_json, people, plain_text
+from twin_daemon.cli.diagnose import IN_WORDS, streaming, train_and_held
+from twin_daemon.cli.session import Session, open_session, require_folder
+from twin_daemon.cli.tables import slim_table
+
+if TYPE_CHECKING:
+    from twin_daemon.diagnosis.ladder import Ladder
+    from twin_daemon.simulation.alignment import Aligned
+
+
+def command(
+    recording: options.Recordings,
+    holdout: options.Holdouts = None,
+    max_steps: Annotated[int, typer.Option("--max-steps", metavar="N", min=0, help="At most so many effects.")] = 6,
+    plot: Annotated[Path | None, typer.Option("--plot", metavar="FILE.html", help="Draw the error by step.")] = None,
+    seed: options.Seed = 0,
+    hand: options.HandName = None,
+    model: options.Model = None,
+    version: options.VersionRef = None,
+    terms: options.Terms = None,
+    trajectory: options.TrajectoryRef = None,
+    joint_map: options.JointMap = None,
+    json: options.Json = None,
+) -> None:
+    """Diagnose, add the strongest effect, refit, and again, until nothing helps on held-out motion.
+
+    The twin with all effects is stored as a candidate version. Ctrl-C keeps the steps done.
+    """
+    from twin_daemon.diagnosis.ladder import climb
+
+    require_folder(json, plot)
+    session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)
+    train, held, notes = train_and_held(session, session.recordings(recording, trajectory), holdout, trajectory)
+    began = time.perf_counter()
+    with streaming() as say:
+        ladder = climb(session.twin, train, held, max_steps=max_steps, seed=seed, say=say)
+    payload = {**_payload(session, ladder, train, held), "notes": notes, "seed": seed}
+    payload["version"] = _store(session, ladder, payload, train, held, seed)
+    payload["wall_s"] = time.perf_counter() - began
+    if plot is not None:
+        from twin_daemon.figures.ladder import ladder_figure
+        from twin_daemon.figures.style import write_page
+
+        title = f"{session.hand.name}: the error by what was added"
+        write_page(ladder_figure(title, payload["steps"], payload["references"], payload["noise_floor_rad2"]), plot)
+    _show(payload, ladder, json)
+    emit_json(json, payload)
+
+
+def _payload(session: Session, ladder: Ladder, train: list[Aligned], held: list[Aligned]) -> dict[str, Any]:
+    from twin_daemon.comparison.report import comparison_report
+
+    promoted = session.last_promoted()
+    (fitted, _), (unseen, _) = (comparison_report(session.twin, r, promoted) for r in (train, held))
+    references = {
+        name: {
+            "mse_rad2": fitted["references"][name]["mse_rad2"],
+            "holdout_mse_rad2": unseen["references"][name]["mse_rad2"],
+        }
+        for name in ("raw_command", "last_promoted")
+    }
+    alone, alone_held = ladder.parameters_alone
+    references["parameters_alone"] = {"mse_rad2": alone, "holdout_mse_rad2": alone_held}
+    return {
+        "hand": session.hand.name,
+        "verdict": ladder.steps[-1].verdict,
+        "reason": ladder.reason,
+        "steps": [dict(vars(step)) for step in ladder.steps],
+        "refused": ladder.refused,
+        "references": references,
+        "noise_floor_rad2": fitted["noise_floor_rad2"],
+        "interrupted": ladder.interrupted,
+        "parent": session.version,
+        "terms": ladder.twin.terms.as_json(),
+    }
+
+
+def _store(
+    session: Session, ladder: Ladder, payload: dict[str, Any], train: list[Aligned], held: list[Aligned], seed: int
+) -> str | None:
+    """The version with all effects; where none was added it is the one that the ladder started from."""
+    added = [step for step in ladder.steps if step.effect is not None]
+    if not added:
+        return session.version
+    first, last = ladder.steps[0], ladder.steps[-1]
+    errors = {
+        "before": {"mse_rad2": first.mse_rad2},
+        "after": {"mse_rad2": last.mse_rad2},
+        "holdout_before": {"mse_rad2": first.holdout_mse_rad2},
+        "holdout_after": {"mse_rad2": last.holdout_mse_rad2},
+    }
+    title = "ladder: " + ", ".join(f"{step.effect} at {step.target}" for step in added)
+    draft = draft_of(session, ladder.twin, "effect_added", title, {**errors, "seed": seed}, train, held)
+    return session.store.add(draft, ladder.twin.mjcf(), alias="candidate").id
+
+
+def _show(payload: dict[str, Any], ladder: Ladder, json: str | None) -> None:
+    console = people(json)
+    table = slim_table("the error by what was added", ("step", "fitted rad²", "held out rad²", "then it is"))
+    for number, step in enumerate(ladder.steps):
+        label = "start" if step.effect is None else f"{step.effect} at {step.target}"
+        said = "-" if step.verdict is None else step.verdict.replace("_", " ")
+        table.add_row(plain_text(f"{number} {label}"), _number(step.mse_rad2), _number(step.holdout_mse_rad2), said)
+    console.print(table)
+    lines = {
+        "raw command": "raw_command", "last promoted version": "last_promoted", "parameters alone": "parameters_alone",
+    }  # fmt: skip
+    for label, name in lines.items():
+        line = payload["references"][name]
+        if line["mse_rad2"] is not None:
+            console.print(
+                f"  {label}: {_number(line['mse_rad2'])} fitted, {_number(line['holdout_mse_rad2'])} held out"
+            )
+    console.print(f"  noise floor of the sensors: {_number(payload['noise_floor_rad2'])} rad²")
+    last = ladder.steps[-1]
+    if last.verdict is not None:
+        console.print(f"[bold]{IN_WORDS[last.verdict]}[/] {plain_text(payload['reason'])}")
+    raw = payload["references"]["raw_command"]["holdout_mse_rad2"]
+    if raw is not None and last.holdout_mse_rad2 is not None and last.holdout_mse_rad2 >= raw:
+        console.print("[bold]The raw command still predicts held-out motion better[/]: do not promote it")
+    for name in payload["refused"]:
+        console.print(f"{plain_text(name)} was found, but makes held-out motion no better: not added")
+    for note in payload["notes"]:
+        console.print(f"note: {plain_text(note)}")
+    if payload["interrupted"]:
+        console.print("interrupted: these are the steps done")
+    if len(ladder.steps) > 1:
+        short = payload["version"][:12]
+        console.print(f"stored as candidate {short} (twin versions show {short}, twin versions promote)")
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3g}"

@@ -1,0 +1,189 @@
+"""The ladder: diagnose, add the strongest finding, refit, and again, until nothing passes the gate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from twin_daemon.comparison.compare import compare_recording, mean_over_moving, pooled
+from twin_daemon.diagnosis.diagnose import diagnose
+from twin_daemon.diagnosis.refit import refit_effect, refit_parameters
+from twin_daemon.diagnosis.verdict import Diagnosis, Finding, VerdictName
+from twin_daemon.effects import LIBRARY
+from twin_daemon.errors import BadInput
+from twin_daemon.simulation.alignment import Aligned
+from twin_daemon.simulation.submodel import parts
+from twin_daemon.simulation.twin import TwinModel
+
+# What the whole hand is called when its parts differ: the first of these that any part is.
+_GRAVEST: tuple[VerdictName, ...] = ("unexplained", "ambiguous", "explained", "within_noise", "not_excited")
+
+_NOTHING_MOVES = "no joint moves by more than 0.05 rad: record steps, two speeds, small reversals and holds"
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Step:
+    """The twin after one more effect (none in the first step), and what the diagnosis says of it then.
+
+    Errors in rad^2 over the joints that move. `parameters` are the effect's fitted values.
+    """
+
+    effect: str | None
+    target: str | None
+    joints: tuple[str, ...]
+    parameters: dict[str, float]
+    mse_rad2: float | None
+    holdout_mse_rad2: float | None
+    verdict: VerdictName | None
+
+
+@dataclass
+class Ladder:
+    """What has been climbed. `twin` has all effects of the steps. `refused` are findings that did not hold."""
+
+    twin: TwinModel
+    steps: list[Step]
+    reason: str = ""
+    refused: list[str] = field(default_factory=list)
+    parameters_alone: tuple[float | None, float | None] = (None, None)
+    interrupted: bool = False
+
+
+def mean_error(twin: TwinModel, recordings: Sequence[Aligned]) -> float | None:
+    """Mean squared error (rad^2) of the twin over the joints that move; None where there is nothing to compare."""
+    if not recordings:
+        return None
+    return mean_over_moving(pooled([compare_recording(twin, r) for r in recordings]))
+
+
+def climb(
+    twin: TwinModel,
+    train: Sequence[Aligned],
+    holdout: Sequence[Aligned],
+    *,
+    max_steps: int,
+    seed: int = 0,
+    say: Say | None = None,
+) -> Ladder:
+    """Adds one effect after another, each fitted on `train` and counted only where `holdout` gets better by it.
+
+    With each effect the model's own parameters of its part are refitted under their priors; what these alone would
+    do, without any effect, is `parameters_alone`. Ctrl-C ends it; the steps done are in the answer.
+    """
+    speak = say or (lambda _: None)
+    ladder = Ladder(twin, [_step(None, {}, twin, train, holdout, None)])
+    open_parts: dict[str, Diagnosis] = {}
+    try:
+        _look(ladder.twin, train, holdout, None, open_parts, seed, speak)
+        ladder.steps[0] = _judged(ladder.steps[0], open_parts)
+        if ladder.steps[0].verdict not in ("not_excited", "within_noise"):
+            alone = twin.changed(twin.terms.with_parameters(refit_parameters(twin, train)))
+            ladder.parameters_alone = (mean_error(alone, train), mean_error(alone, holdout))
+        while len(ladder.steps) <= max_steps:
+            part, finding = _strongest(open_parts, set(ladder.refused))
+            if finding is None:
+                break
+            speak(f"adding {finding.effect} at {finding.target}")
+            if not _add(ladder, finding, train, holdout):
+                ladder.refused.append(_name(finding))
+                continue
+            again = None if finding.target == "hand" else part
+            _look(ladder.twin, train, holdout, again, open_parts, seed, speak)
+            ladder.steps[-1] = _judged(ladder.steps[-1], open_parts)
+    except KeyboardInterrupt:
+        ladder.interrupted = True
+    gravest = _gravest(open_parts)
+    if gravest is not None:
+        ladder.reason = gravest.reason
+    elif not ladder.interrupted:
+        ladder.reason = _NOTHING_MOVES
+    return ladder
+
+
+def _look(
+    twin: TwinModel,
+    train: Sequence[Aligned],
+    holdout: Sequence[Aligned],
+    only: str | None,
+    open_parts: dict[str, Diagnosis],
+    seed: int,
+    say: Say,
+) -> None:
+    """Diagnoses one part again, or all: what was found in one part stays true while another one changes."""
+    moving = {n for i, n in enumerate(twin.joints) if any(r.moving[i] for r in train)}
+    for part in parts(twin):
+        own = [n for n in part.joints if n in moving]
+        if own and only in (None, part.name):
+            found = diagnose(twin, train, holdout, joints=own, seed=seed, stream=say, most_effects=1)
+            open_parts[part.name] = found
+            if found.interrupted:
+                raise KeyboardInterrupt
+
+
+def _strongest(open_parts: dict[str, Diagnosis], refused: set[str]) -> tuple[str, Finding | None]:
+    found = [(f.evidence, name, f) for name, d in open_parts.items() for f in d.findings if _name(f) not in refused]
+    if not found:
+        return "", None
+    _, name, finding = max(found, key=lambda item: item[:2])
+    return name, finding
+
+
+def _name(finding: Finding) -> str:
+    return f"{finding.effect}:{finding.target}"
+
+
+def _add(ladder: Ladder, finding: Finding, train: Sequence[Aligned], holdout: Sequence[Aligned]) -> bool:
+    """Refits and adds a finding; False where it cannot stand beside the others or held-out motion gets worse."""
+    twin, effect = ladder.twin, LIBRARY[finding.effect]
+    start = effect.complete({name: p.value for name, p in finding.parameters.items()})
+    try:
+        refit = refit_effect(twin, train, effect, [finding.target], {}, start=start)
+        terms = twin.terms.with_effect(refit.terms[0]).with_parameters(refit.parameters)
+        changed = twin.changed(terms)
+    except BadInput:
+        return False
+    values = {name: refit.terms[0].values[name] for name in finding.parameters}
+    step = _step(finding, values, changed, train, holdout, None)
+    before = ladder.steps[-1].holdout_mse_rad2
+    if step.holdout_mse_rad2 is None or before is None or not step.holdout_mse_rad2 < before:
+        return False
+    ladder.twin = changed
+    ladder.steps.append(step)
+    return True
+
+
+def _step(
+    finding: Finding | None,
+    values: dict[str, float],
+    twin: TwinModel,
+    train: Sequence[Aligned],
+    holdout: Sequence[Aligned],
+    verdict: VerdictName | None,
+) -> Step:
+    return Step(
+        effect=finding.effect if finding else None,
+        target=finding.target if finding else None,
+        joints=finding.joints if finding else (),
+        parameters=values,
+        mse_rad2=_finite(mean_error(twin, train)),
+        holdout_mse_rad2=_finite(mean_error(twin, holdout)),
+        verdict=verdict,
+    )
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and np.isfinite(value) else None
+
+
+def _gravest(open_parts: dict[str, Diagnosis]) -> Diagnosis | None:
+    return min(open_parts.values(), key=lambda d: _GRAVEST.index(d.verdict), default=None)
+
+
+def _judged(step: Step, open_parts: dict[str, Diagnosis]) -> Step:
+    gravest = _gravest(open_parts)
+    verdict: VerdictName = gravest.verdict if gravest is not None else "not_excited"
+    return replace(step, verdict=verdict)
