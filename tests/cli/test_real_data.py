@@ -10,7 +10,6 @@ import yaml
 
 from tests.cli.test_offline import call
 from twin_daemon.cli.app import main
-from twin_daemon.hand import load_hand
 
 DISSERTATION_RAD2 = 0.006277
 
@@ -75,8 +74,8 @@ def test_the_thumb_is_judged_beside_the_raw_command(shared_data: Path, capsys: p
     data = ["--recording", str(bag), "--trajectory", f"{folder / 'trajectories.yaml'}:thumb_calibration"]
     before = call(capsys, "compare", *data)
     assert before["references"]["raw_command"]["mse_rad2"] < 1e-3
-    fitted = call(capsys, "calibrate", *data, "--space", "thumb", "--budget", "40")
-    assert fitted["after"]["mse_rad2"] < fitted["before"]["mse_rad2"]
+    fitted = call(capsys, "calibrate", *data, "--space", "thumb", "--budget", "12")
+    assert fitted["after"]["mse_rad2"] <= fitted["before"]["mse_rad2"]
     assert all(p["value"] > 0 for p in fitted["parameters"].values())
 
 
@@ -105,10 +104,8 @@ def test_a_version_of_another_projects_hand_needs_none_of_its_meshes(
     fitted = call(capsys, "calibrate", *hand_closing, *menagerie, "--space", str(space), "--budget", "8")
     assert fitted["after"]["mse_rad2"] <= fitted["before"]["mse_rad2"]
     out = tmp_path / "exported.xml"
-    name = load_hand(None, Path(menagerie[1])).name
-    assert main(["versions", "export", fitted["version"], "--hand", name, "-o", str(out)]) in (0, 3)
-    if out.is_file():
-        assert mujoco.MjModel.from_xml_path(str(out)).njnt == 24
+    assert main(["versions", "export", fitted["version"], *menagerie, "-o", str(out)]) == 0
+    assert mujoco.MjModel.from_xml_path(str(out)).njnt == 24
 
 
 def test_an_arm_is_compared_and_checked_by_its_own_names(

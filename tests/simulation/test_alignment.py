@@ -72,3 +72,12 @@ def test_recordings_of_something_else_are_refused(twin: TwinModel, rng: np.rando
     foreign = replace(recording.commands, names=("arm_1", "arm_2"))
     with pytest.raises(BadInput, match="none of its commands"):
         align(twin, renamed(recording, commands=foreign))
+
+
+def test_a_command_that_has_not_come_yet_holds_back_no_other(twin: TwinModel) -> None:
+    rest = np.full(len(twin.actuators), 0.1)
+    controls = twin.controls(("rh_FFJ3", "rh_MFJ3", "rh_LFJ1", "rh_LFJ2"), np.array([[0.7, np.nan, 0.2, 0.3]]), rest)[0]
+    said = dict(zip(twin.actuators, controls, strict=True))
+    assert said.pop("rh_FFJ3") == 0.7
+    assert said.pop("rh_LFJ0") == 0.5  # the sum of its joints, where only they are commanded
+    assert set(said.values()) == {0.1}

@@ -6,6 +6,7 @@ import contextlib
 from collections.abc import Sequence
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from twin_daemon.fitting.reduce import SubProblem
 from twin_daemon.fitting.searches import Search
@@ -35,7 +36,8 @@ class PartwiseSearch:
             others = sum(errors) - errors[index]
             tracker = Tracker(sub.restarted(self.units), self._reporter(sub.weight, others), share)
             try:
-                with contextlib.suppress(BudgetSpent):
+                # the searches' matrices are small: threads of a matrix product would mostly wait for each other
+                with contextlib.suppress(BudgetSpent), threadpool_limits(limits=1):
                     search(tracker, share, seed)
             finally:
                 self._keep(sub, tracker, others)

@@ -190,7 +190,8 @@ def model_onset(twin: TwinModel, aligned: Aligned, *, threads: int | None = None
         best = min(best, (error(0.0), onset))
         grid = np.linspace(-_ONSET_REACH_S, _ONSET_REACH_S, 41)
         near = float(grid[int(np.argmin([error(shift) for shift in grid]))])
-        found: Any = minimize_scalar(error, bounds=(near - 0.01, near + 0.01), method="bounded", options={"xatol": 1e-5})
+        box = (near - 0.01, near + 0.01)
+        found: Any = minimize_scalar(error, bounds=box, method="bounded", options={"xatol": 1e-5})
         if abs(found.x) < _ONSET_FOUND_S:
             break
         onset += float(found.x)

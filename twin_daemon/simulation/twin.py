@@ -264,8 +264,10 @@ class TwinModel:
     def controls(self, names: tuple[str, ...], position: np.ndarray, rest: np.ndarray) -> np.ndarray:
         """Targets (T, k) by name -> controls (T, nu); actuators that the targets do not determine keep `rest`."""
         mapping, determined = self.command_map(names)
-        used = mapping.any(axis=0)
-        controls = np.where(used, position, 0.0) @ mapping.T
+        controls = np.zeros((len(position), len(self.actuators)))
+        # term by term: a matrix product over so few columns waits longer for its threads than it computes
+        for actuator, column in np.argwhere(mapping):
+            controls[:, actuator] += mapping[actuator, column] * position[:, column]
         missing = (~np.isfinite(controls)) | ~determined
         return np.where(missing, rest, controls)
 
