@@ -56,7 +56,7 @@ def command(
     changed = _changed(session.twin, added)
     fitted: dict[str, RefittedValue] = {}
     train, held, notes = data_of(session, recording, holdout, trajectory)
-    if train:
+    if train and any(p.name not in given and not p.held for p in kind.parameters):
         from twin_daemon.diagnosis.refit import refit_effect
 
         refit = refit_effect(session.twin, train, kind, targets, given)

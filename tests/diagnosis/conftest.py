@@ -1,0 +1,81 @@
+"""Recordings of a plant that shares no code with the library, on one joint so that they are quick to diagnose."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from twin_daemon.cli.app import main
+from twin_daemon.hand import Hand, load_hand
+from twin_daemon.plant import Plant, parse_hidden
+from twin_daemon.plant.motions import rich
+from twin_daemon.plant.recording import record
+from twin_daemon.signals.trajectory import Trajectory
+from twin_daemon.simulation.twin import TwinModel
+
+GAP_RAD = 0.025
+JOINT = "rh_FFJ3"
+
+
+@pytest.fixture(scope="session")
+def hand() -> Hand:
+    return load_hand()
+
+
+@pytest.fixture(scope="session")
+def twin(hand: Hand) -> TwinModel:
+    return TwinModel.load(hand)
+
+
+@pytest.fixture(scope="session")
+def recorded(hand: Hand, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+    """A bag of a plant whose parameters are up to 20 % off the nominal ones, with or without a hidden effect."""
+    folder = tmp_path_factory.mktemp("bags")
+
+    def make(name: str, motion: Trajectory, *hidden: str, seed: int = 1) -> Path:
+        path = folder / f"{name}.mcap"
+        plant = Plant(hand, seed=5, hidden=[parse_hidden(text, hand) for text in hidden], spread=0.2)
+        record(plant, motion, path, jitter_s=0.0005, seed=seed)
+        return path
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def played(recorded: Callable[..., Path], hand: Hand) -> tuple[Path, Path]:
+    """(to fit, held out): a joint with play in its transmission."""
+    hidden = f"backlash:{JOINT}={GAP_RAD}"
+    return (
+        recorded("play_fit", rich(hand, [JOINT], 10.0, 1), hidden, seed=1),
+        recorded("play_held", rich(hand, [JOINT], 12.0, 2), hidden, seed=2),
+    )
+
+
+@pytest.fixture(scope="session")
+def sound(recorded: Callable[..., Path], hand: Hand) -> Path:
+    """The same joint with nothing but parameters that are off."""
+    return recorded("sound", rich(hand, [JOINT], 8.0, 1))
+
+
+@pytest.fixture(scope="session")
+def still(recorded: Callable[..., Path], hand: Hand) -> Path:
+    """Four seconds in which nothing moves."""
+    import numpy as np
+
+    return recorded("still", Trajectory("still", (JOINT,), np.array([0.0, 4.0]), np.full((2, 1), 0.3)))
+
+
+def called(*argv: str, result: Path) -> dict[str, Any]:
+    """What a command that must succeed wrote; strict JSON."""
+    assert main([*argv, "--json", str(result)]) == 0
+
+    def refuse(word: str) -> None:
+        raise AssertionError(f"{word} in the JSON")
+
+    content = json.loads(result.read_text(encoding="utf-8"), parse_constant=refuse)
+    assert content["schema"] == 1
+    return content

@@ -1,0 +1,117 @@
+"""`twin diagnose` on hands that it has not seen, held to its contract."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.diagnosis.conftest import GAP_RAD, JOINT, called
+from twin_daemon.cli.app import main
+from twin_daemon.effects import LIBRARY
+from twin_daemon.hand import Hand
+from twin_daemon.signals.trajectory import load_trajectory
+
+
+@pytest.fixture(scope="session")
+def named(played: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """The diagnosis of the joint with play."""
+    fitted, held = map(str, played)
+    result = tmp_path_factory.mktemp("named") / "named.json"
+    return called("diagnose", "--recording", fitted, "--holdout", held, result=result)
+
+
+@pytest.mark.slow
+def test_the_hidden_effect_is_named_and_its_value_found(named: dict[str, Any]) -> None:
+    assert named["verdict"] == "explained"
+    first = named["findings"][0]
+    assert (first["effect"], first["joints"]) == ("backlash", [JOINT])
+    gap = first["parameters"]["gap"]
+    assert gap["unit"] == "rad"
+    assert gap["ci95"][0] < gap["value"] < gap["ci95"][1]
+    assert gap["value"] == pytest.approx(GAP_RAD, rel=0.15)
+
+
+@pytest.mark.slow
+def test_a_finding_brings_its_evidence(named: dict[str, Any]) -> None:
+    first = named["findings"][0]
+    assert first["evidence"] > 100
+    assert first["holdout_mse_after"] < first["holdout_mse_before"]
+    low, high = first["holdout_gain_ci95"]
+    assert 0 < low < first["holdout_gain"] < high < 1
+    assert first["confusable_with"] == []
+    assert LIBRARY["backlash"].story.cause in first["explanation"]
+
+
+@pytest.mark.slow
+def test_every_candidate_that_lost_says_why(named: dict[str, Any]) -> None:
+    assert len(named["tried"]) > 10
+    assert {trial["effect"] for trial in named["tried"]} <= set(LIBRARY)
+    assert all(trial["lost_because"] for trial in named["tried"])
+
+
+@pytest.mark.slow
+def test_it_says_where_the_model_fails(named: dict[str, Any]) -> None:
+    assert named["where"][0]["joint"] == JOINT
+    assert {"condition", "rmse_rad", "bias_rad", "seconds"} <= named["where"][0].keys()
+    assert {
+        "next_experiment",
+        "parts",
+        "moved_parameters",
+        "hand",
+        "version",
+        "seed",
+        "notes",
+        "wall_s",
+    } <= named.keys()
+
+
+def test_a_sound_hand_is_within_noise(sound: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    result = called("diagnose", "--recording", str(sound), "--joints", "FFJ3", result=tmp_path / "sound.json")
+    assert result["verdict"] == "within_noise"
+    assert result["findings"] == []
+    assert any("held out" in note for note in result["notes"])
+    assert "Within noise" in capsys.readouterr().out
+
+
+def test_a_hand_at_rest_is_not_excited_and_gets_a_motion(
+    still: Path, hand: Hand, tmp_path: Path, state_dir: Path
+) -> None:
+    result = called("diagnose", "--recording", str(still), "--joints", "rh_FFJ3", result=tmp_path / "still.json")
+    assert result["verdict"] == "not_excited"
+    assert "record" in result["reason"]
+    proposed = result["next_experiment"]
+    assert Path(proposed["path"]).parent == state_dir / "experiments"
+    assert load_trajectory(proposed["trajectory"], hand).joints == (JOINT,)
+    assert [p for p in state_dir.rglob("*") if p.is_file()] == [Path(proposed["path"])]
+
+
+@pytest.mark.parametrize(
+    ("argv", "says"),
+    [
+        (["diagnose", "--recording", "BAG", "--joints", "rh_FFJ9"], "Did you mean"),
+        (["diagnose", "--recording", "nowhere.mcap"], "nowhere.mcap"),
+        (["diagnose", "--recording", "BAG", "--holdout", "nowhere.mcap"], "nowhere.mcap"),
+        (["ladder", "--recording", "BAG", "--plot", "/nowhere/at/all.html"], "folder does not exist"),
+        (["add", "stribek", "--joint", JOINT], "Did you mean 'stribeck_friction'?"),
+        (["add", "backlash", "--joint", "rh_FFJ33"], "Did you mean 'rh_FFJ3'?"),
+        (["add", "spring", "--joint", "rh_FFJ0"], "rh_FFJ1 or rh_FFJ2"),
+        (["add", "backlash", "--joint", "rh_FFJ1"], "Give --joint rh_FFJ0"),
+        (["add", "gravity_tilt", "--joint", JOINT], "Give --joint hand"),
+        (["add", "backlash", "--joint", JOINT, "--set", "gap=-1"], "outside physics"),
+        (["add", "backlash", "--joint", JOINT, "--set", "play=0.1"], "no parameter 'play'"),
+        (["add", "backlash", "--joint", JOINT, "--holdout", "BAG"], "--recording"),
+        (["add", "backlash", "--joint", "rh_MFJ3", "--recording", "BAG"], "does not move"),
+        (["remove", "backlash", "--joint", JOINT], "has no 'backlash'"),
+    ],
+)
+def test_what_cannot_be_used_is_refused_and_nothing_is_stored(
+    argv: list[str], says: str, sound: Path, state_dir: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([str(sound) if word == "BAG" else word for word in argv]) == 3
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert says in captured.err
+    assert captured.err.count("\n") == 1
+    assert not [p for p in state_dir.rglob("*") if p.is_file()]
