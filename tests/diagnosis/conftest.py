@@ -18,6 +18,7 @@ from twin_daemon.signals.trajectory import Trajectory
 from twin_daemon.simulation.twin import TwinModel
 
 GAP_RAD = 0.025
+FACTOR = 1.1
 JOINT = "rh_FFJ3"
 
 
@@ -46,13 +47,19 @@ def recorded(hand: Hand, tmp_path_factory: pytest.TempPathFactory) -> Callable[.
 
 
 @pytest.fixture(scope="session")
-def played(recorded: Callable[..., Path], hand: Hand) -> tuple[Path, Path]:
-    """(to fit, held out): a joint with play in its transmission."""
-    hidden = f"backlash:{JOINT}={GAP_RAD}"
+def misread(recorded: Callable[..., Path], hand: Hand) -> tuple[Path, Path]:
+    """(to fit, held out): a joint whose sensor reads a tenth too much. Few candidates come near, so it is quick."""
+    hidden = f"sensor_gain:{JOINT}={FACTOR}"
     return (
-        recorded("play_fit", rich(hand, [JOINT], 10.0, 1), hidden, seed=1),
-        recorded("play_held", rich(hand, [JOINT], 12.0, 2), hidden, seed=2),
+        recorded("misread_fit", rich(hand, [JOINT], 7.0, 1), hidden, seed=1),
+        recorded("misread_held", rich(hand, [JOINT], 7.0, 2), hidden, seed=2),
     )
+
+
+@pytest.fixture(scope="session")
+def played(recorded: Callable[..., Path], hand: Hand) -> Path:
+    """A joint with play in its transmission."""
+    return recorded("play", rich(hand, [JOINT], 8.0, 1), f"backlash:{JOINT}={GAP_RAD}")
 
 
 @pytest.fixture(scope="session")

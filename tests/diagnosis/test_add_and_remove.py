@@ -40,11 +40,8 @@ def test_an_effect_is_added_with_given_values_and_removed_again(tmp_path: Path, 
 
 
 @pytest.mark.slow
-def test_an_effect_is_fitted_beside_what_is_uncertain(played: tuple[Path, Path], tmp_path: Path) -> None:
-    fitted, held = map(str, played)
-    result = called(
-        "add", "backlash", "--joint", JOINT, "--recording", fitted, "--holdout", held, result=tmp_path / "a.json"
-    )
+def test_an_effect_is_fitted_beside_what_is_uncertain(played: Path, tmp_path: Path) -> None:
+    result = called("add", "backlash", "--joint", JOINT, "--recording", str(played), result=tmp_path / "a.json")
     gap = result["parameters"][f"backlash:{JOINT}.gap"]
     assert gap["value"] == pytest.approx(GAP_RAD, rel=0.15)
     assert not gap["at_bound"]

@@ -12,8 +12,8 @@ from twin_daemon.versions import VersionStore
 
 
 @pytest.mark.slow
-def test_the_error_falls_until_nothing_is_left(played: tuple[Path, Path], tmp_path: Path, state_dir: Path) -> None:
-    fitted, held = map(str, played)
+def test_the_error_falls_until_nothing_is_left(misread: tuple[Path, Path], tmp_path: Path, state_dir: Path) -> None:
+    fitted, held = map(str, misread)
     page = tmp_path / "ladder.html"
     result = called(
         "ladder", "--recording", fitted, "--holdout", held, "--max-steps", "2", "--plot", str(page),
@@ -21,7 +21,7 @@ def test_the_error_falls_until_nothing_is_left(played: tuple[Path, Path], tmp_pa
     )  # fmt: skip
     start, first = result["steps"][:2]
     assert start["effect"] is None
-    assert (first["effect"], first["joints"]) == ("backlash", [JOINT])
+    assert (first["effect"], first["joints"]) == ("sensor_gain", [JOINT])
     assert first["mse_rad2"] < 0.1 * start["mse_rad2"]
     assert first["holdout_mse_rad2"] < 0.1 * start["holdout_mse_rad2"]
     assert all(step["verdict"] for step in result["steps"])
@@ -35,7 +35,7 @@ def test_the_error_falls_until_nothing_is_left(played: tuple[Path, Path], tmp_pa
     assert record.kind == "effect_added"
     assert record.errors["holdout_after"]["mse_rad2"] == result["steps"][-1]["holdout_mse_rad2"]
     html = page.read_text(encoding="utf-8")
-    assert "backlash" in html
+    assert "sensor_gain" in html
     assert '<script src="http' not in html
 
 
