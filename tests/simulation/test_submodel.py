@@ -25,7 +25,7 @@ TERMS = Terms(
 def test_the_parts_are_fingers_thumb_and_wrist(twin: TwinModel) -> None:
     found = {part.joints: part for part in parts(twin)}
     assert INDEX in found
-    assert found[INDEX].trunk == ("rh_WRJ1", "rh_WRJ2")
+    assert found[INDEX].trunk == ("rh_WRJ2", "rh_WRJ1")  # base first
     assert ("rh_WRJ1", "rh_WRJ2") in found
     assert sorted(j for joints in found for j in joints) == sorted(twin.joints)
 

@@ -161,7 +161,7 @@ def command_onset(twin: TwinModel, aligned: Aligned) -> float:
     near = aligned.onset_s + np.arange(-0.5, 0.5, 0.05)
     grid = near if aligned.onset_s else np.arange(-length, aligned.time_s[-1], 0.05)
     best = grid[int(np.argmin([error(onset) for onset in grid]))]
-    found = minimize_scalar(error, bounds=(best - 0.06, best + 0.06), method="bounded", options={"xatol": 1e-4})
+    found: Any = minimize_scalar(error, bounds=(best - 0.06, best + 0.06), method="bounded", options={"xatol": 1e-4})
     return float(found.x)
 
 

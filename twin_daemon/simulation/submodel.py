@@ -57,8 +57,9 @@ def parts(twin: TwinModel) -> tuple[Part, ...]:
         found.append(Part("trunk", tuple(n for n in twin.joints if n in trunk), ()))
     for head in dict.fromkeys(root(name) for name in twin.joints if name not in trunk):
         members = tuple(n for n in twin.joints if n not in trunk and root(n) == head)
-        under = tuple(n for n in trunk if any(bodies[n] in ancestors[m] for m in members))
-        found.append(Part(_part_name(twin, members), members, under))
+        under = [n for n in trunk if any(bodies[n] in ancestors[m] for m in members)]
+        base_first = tuple(sorted(under, key=lambda n: (len(ancestors[bodies[n]]), n)))
+        found.append(Part(_part_name(twin, members), members, base_first))
     return tuple(found)
 
 
