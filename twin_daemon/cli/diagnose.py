@@ -66,6 +66,10 @@ def command(
     else:
         train, held, notes = train_and_held(session, train, holdout, trajectory)
         found = diagnosed(session.twin, train, held, joints=chosen, seed=seed)
+    if found.interrupted and not found.parts:
+        raise KeyboardInterrupt  # nothing has been judged, so there is no verdict to keep
+    if found.interrupted:
+        notes.append(f"interrupted: the verdict speaks of {', '.join(found.parts)} only")
     if found.verdict in ("ambiguous", "not_excited"):
         from twin_daemon.diagnosis.experiment import next_experiment
         from twin_daemon.resources import state_dir
@@ -195,8 +199,6 @@ def as_json(found: Diagnosis) -> dict[str, Any]:
 def _show(console: Console, payload: dict[str, Any], found: Diagnosis) -> None:
     console.print(f"[bold]{IN_WORDS[found.verdict]}[/]")
     console.print(f"  {plain_text(found.reason)}")
-    if found.interrupted:
-        console.print("  [bold]Interrupted[/]: this is what was known until then.")
     for finding in found.findings:
         show_finding(console, finding)
     for moved in found.moved_parameters:
