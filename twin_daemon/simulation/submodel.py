@@ -58,7 +58,7 @@ def parts(twin: TwinModel) -> tuple[Part, ...]:
     for head in dict.fromkeys(root(name) for name in twin.joints if name not in trunk):
         members = tuple(n for n in twin.joints if n not in trunk and root(n) == head)
         under = [n for n in trunk if any(bodies[n] in ancestors[m] for m in members)]
-        base_first = tuple(sorted(under, key=lambda n: (len(ancestors[bodies[n]]), n)))
+        base_first = tuple(sorted(under, key=lambda n: (len(ancestors[n]), n)))
         found.append(Part(_part_name(twin, members), members, base_first))
     return tuple(found)
 
