@@ -11,7 +11,7 @@ import typer
 from twin_daemon.cli import options
 from twin_daemon.cli.console import emit_json, people, plain_text
 from twin_daemon.cli.diagnose import train_and_held
-from twin_daemon.cli.effects import _nearest as nearest_effect
+from twin_daemon.cli.effects import nearest_effect
 from twin_daemon.cli.session import Session, open_session, require_folder
 from twin_daemon.cli.tables import slim_table
 from twin_daemon.errors import BadInput

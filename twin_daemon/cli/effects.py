@@ -30,12 +30,12 @@ def command(key: Key = None, json: Json = None) -> None:
         emit_json(json, {"effects": [_plain(effect) for effect in LIBRARY.values()]})
         return
     if key not in LIBRARY:
-        raise BadInput(f"no effect '{key}'", todo=_nearest(key, list(LIBRARY)))
+        raise BadInput(f"no effect '{key}'", todo=nearest_effect(key, list(LIBRARY)))
     _explain(console, LIBRARY[key])
     emit_json(json, {"effect": _plain(LIBRARY[key])})
 
 
-def _nearest(key: str, known: list[str]) -> str:
+def nearest_effect(key: str, known: list[str]) -> str:
     """As `nearest`, also for half a key: 'stribek' is near to 'stribeck_friction'."""
     halves = {half: name for name in reversed(known) for half in (name, *name.split("_"))}
     close = difflib.get_close_matches(key, halves, n=1, cutoff=0.7)

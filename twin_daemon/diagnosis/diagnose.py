@@ -50,7 +50,6 @@ class _Outcome:
     strained: dict[str, float]
     accepted: list[tuple[PartFit, Fit, HeldOut, tuple[str, ...]]] = field(default_factory=list)
     tried: list[Trial] = field(default_factory=list)
-    rivals: tuple[str, ...] = ()
     left: float = 0.0
     quiet: bool = False
 
@@ -129,7 +128,7 @@ def _search(
     part: PartFit, name: str, holdout: Sequence[Aligned], seed: int, say: Stream, most_effects: int
 ) -> _Outcome:
     held = _pieces(part.twin, holdout, part.joints)
-    strained = {n: s for n, s in part.strained(part.base).items() if abs(s) > STRAINED_SIGMA}
+    strained = _strained(part)
     outcome = _Outcome(name, part.joints, part.base.chi_square, strained)
     base = judge(part, part.base, held, seed=seed)
     outcome.left = base.adequacy
@@ -148,15 +147,18 @@ def _search(
         assert hypothesis is not None
         richer = part.twin.changed(part.twin.terms.with_effect(hypothesis.term(fit.values)))
         settled = PartFit(richer, part.recordings, part.joints)
-        if judged.adequate and not _still_strained(settled):
-            outcome.rivals = rivals
+        # beside the effect the nuisances have gone back to where they belong: judged once more as it stands
+        outcome.left = min(outcome.left, judge(settled, settled.base, held, seed=seed).adequacy)
+        outcome.strained = _strained(settled)
+        if outcome.left <= ADEQUATE and not outcome.strained:
             break
         part = settled
     return outcome
 
 
-def _still_strained(part: PartFit) -> bool:
-    return any(abs(s) > STRAINED_SIGMA for s in part.strained(part.base).values())
+def _strained(part: PartFit) -> dict[str, float]:
+    """The nuisances that are too far from their priors to be nuisances, in sigma."""
+    return {name: sigma for name, sigma in part.strained(part.base).items() if abs(sigma) > STRAINED_SIGMA}
 
 
 def _step(
@@ -239,7 +241,9 @@ def _conclude(twin: TwinModel, train: Sequence[Aligned], outcomes: Sequence[_Out
     unsettled = [o for o in loud if o.left <= ADEQUATE and not o.accepted and o.chi_square > QUIET_CHI_SQUARE]
     ambiguous = [f for f in findings if f.confusable_with]
     verdict: VerdictName
-    if not loud:
+    if interrupted and not outcomes:
+        verdict, reason = "unexplained", "interrupted before any part of the hand was judged"
+    elif not loud:
         verdict, reason = "within_noise", "what is left is what the sensors and the time step leave of a right model"
     elif unexplained:
         worst = max(unexplained, key=lambda o: o.left)
