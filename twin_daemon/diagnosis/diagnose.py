@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from twin_daemon.diagnosis.candidates import hypotheses
+from twin_daemon.diagnosis.candidates import Hypothesis, hypotheses
 from twin_daemon.diagnosis.cores import concurrently
 from twin_daemon.diagnosis.gate import ADEQUATE, HeldOut, judge
 from twin_daemon.diagnosis.partfit import Fit, PartFit, descended, knob_interval, unit_sigmas
@@ -34,7 +34,7 @@ _ROUGH = 4  # iterations of every candidate's fit
 _FINALISTS = 3
 _FINE = 8  # iterations more for the best of them
 _POSES = 400
-_SUSPECT_SIGMA = 2.5
+_SUSPECT_SIGMA = 3.0
 
 Stream = Callable[[str], None]
 """Called with one line whenever a candidate has been judged."""
@@ -165,23 +165,8 @@ def _step(
     part: PartFit, held: Sequence[Aligned], seed: int, say: Stream, outcome: _Outcome
 ) -> tuple[Fit, HeldOut, tuple[str, ...]] | None:
     """One more effect for a part: the best candidate that passes the gate, and what it cannot be told from."""
-    candidates = hypotheses(part.twin, part.joints, whole_hand=True)
-    screened = [
-        (gain, hypothesis, start)
-        for hypothesis, (gain, start) in zip(candidates, concurrently(part.screen, candidates), strict=True)
-    ]
-    screened.sort(key=lambda item: -item[0])
-    # what a nuisance stands in for is invisible beside it: where one strains, its own effect is tried as well;
-    # a weak servo, which friction hides best, always
-    strained = {name for name, sigma in part.strained(part.base).items() if abs(sigma) > _SUSPECT_SIGMA}
-    chosen = [
-        item
-        for rank, item in enumerate(screened)
-        if (rank < _REFITTED and item[0] > DECISIVE_NATS)
-        or item[1].speaks_for(part.twin) & strained
-        or item[1].effect.key == "actuator_gain"
-    ]
-    for gain, hypothesis, _ in (item for item in screened if item not in chosen):
+    chosen, passed_over = _shortlist(part)
+    for gain, hypothesis, _ in passed_over:
         outcome.tried.append(Trial(hypothesis.effect.key, hypothesis.target, gain / 2.0, None, None,
                                    "takes too little of the error away to be worth a fit"))  # fmt: skip
     rough = concurrently(lambda item: part.refit(item[1], item[2], _ROUGH), chosen)
@@ -198,6 +183,7 @@ def _step(
         say(f"  {fit.hypothesis.name}: evidence {fits[-1][0]:.0f} nats, {fit.chi_square:.1f} times the floor")
     fits.sort(key=lambda item: -item[0])
     best: tuple[Fit, HeldOut] | None = None
+    simpler: tuple[Fit, HeldOut] | None = None
     rivals: list[str] = []
     best_evidence = 0.0
     for evidence, fit in fits:
@@ -213,6 +199,9 @@ def _step(
         elif best is None:
             best, best_evidence = (fit, judged), evidence
             continue
+        elif simpler is None and judged.adequate and _is_contained(hypothesis, best[0].hypothesis):
+            simpler = (fit, judged)
+            continue
         elif best_evidence - evidence < DECISIVE_NATS and (judged.adequate or not best[1].adequate):
             rivals.append(hypothesis.name)
             reason = "the data do not tell it from the best candidate"
@@ -221,7 +210,38 @@ def _step(
         outcome.tried.append(Trial(hypothesis.effect.key, hypothesis.target, evidence, mse, judged.mse_after, reason))
     if best is None:
         return None
+    if simpler is not None and best[0].hypothesis is not None:
+        # both are right on held-out motion, and one is the other at a bound: the simpler is the answer
+        return (*simpler, (*rivals, best[0].hypothesis.name))
     return (*best, tuple(rivals))
+
+
+def _is_contained(simpler: Hypothesis, richer: Hypothesis | None) -> bool:
+    return richer is not None and simpler.target == richer.target and simpler.effect.key in richer.effect.contains
+
+
+Screened = tuple[float, Hypothesis, dict[str, float]]
+
+
+def _shortlist(part: PartFit) -> tuple[list[Screened], list[Screened]]:
+    """(worth a fit, not worth one): candidates with the cost that they could take away and where to start.
+
+    What a nuisance stands in for is invisible beside it. Where nuisances alone reach the floor by straining, only
+    the effects that they stand in for are asked; elsewhere these join the best of the screening, as does a weak
+    servo, which friction hides best.
+    """
+    strained = {name for name, sigma in part.strained(part.base).items() if abs(sigma) > _SUSPECT_SIGMA}
+    everything = hypotheses(part.twin, part.joints, whole_hand=True)
+    owners = [h for h in everything if h.speaks_for(part.twin) & strained]
+    asked = owners if owners and part.base.chi_square <= QUIET_CHI_SQUARE else everything
+    screened = [(gain, h, start) for h, (gain, start) in zip(asked, concurrently(part.screen, asked), strict=True)]
+    screened.sort(key=lambda item: -item[0])
+    chosen = [
+        item
+        for rank, item in enumerate(screened)
+        if (rank < _REFITTED and item[0] > DECISIVE_NATS) or item[1] in owners or item[1].effect.key == "actuator_gain"
+    ]
+    return chosen, [item for item in screened if item not in chosen]
 
 
 # -- the answer --------------------------------------------------------------------------------------------

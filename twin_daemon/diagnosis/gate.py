@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -40,9 +40,13 @@ class HeldOut:
 
 
 def judge(part: PartFit, fit: Fit, holdout: Sequence[Aligned], *, seed: int) -> HeldOut:
-    """Compares a fit with the nuisances alone, both as fitted, on held-out recordings."""
+    """Compares a fit with the nuisances alone, both as fitted, on held-out recordings.
+
+    A nuisance that the effect speaks for is held at its nominal value beside it: what stood in for the effect does
+    not count against it.
+    """
     corrections = step_corrections(part.twin, holdout, part.joints)
-    before = part.held_out(part.base, holdout, corrections)
+    before = part.held_out(_without_stand_in(part, fit), holdout, corrections)
     after = part.held_out(fit, holdout, corrections)
     known = [np.isfinite(r.measured[:, [r.joints.index(j) for j in part.joints]]) for r in holdout]
     squares_before = np.concatenate([(r**2).mean(axis=1)[k.any(axis=1)] for r, k in zip(before, known, strict=True)])
@@ -57,6 +61,14 @@ def judge(part: PartFit, fit: Fit, holdout: Sequence[Aligned], *, seed: int) -> 
         adequacy_before=_adequacy(before, known, part.floor),
         adequacy=_adequacy(after, known, part.floor),
     )
+
+
+def _without_stand_in(part: PartFit, fit: Fit) -> Fit:
+    owned = fit.hypothesis.speaks_for(part.twin) if fit.hypothesis else set()
+    knobs = part.base.problem.knobs
+    start = part.base.problem.start
+    point = [start[i] if knob.name in owned else part.base.point[i] for i, knob in enumerate(knobs)]
+    return replace(part.base, point=np.array(point))
 
 
 def _adequacy(residuals: Sequence[np.ndarray], known: Sequence[np.ndarray], floor: np.ndarray) -> float:
