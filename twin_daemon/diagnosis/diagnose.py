@@ -9,7 +9,7 @@ import numpy as np
 
 from twin_daemon.diagnosis.candidates import Hypothesis, hypotheses
 from twin_daemon.diagnosis.cores import concurrently
-from twin_daemon.diagnosis.gate import ADEQUATE, HeldOut, judge
+from twin_daemon.diagnosis.gate import ADEQUATE, Gate, HeldOut
 from twin_daemon.diagnosis.partfit import Fit, PartFit, descended, knob_interval, unit_sigmas
 from twin_daemon.diagnosis.segments import segments
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding, FittedValue, Trial, VerdictName
@@ -130,14 +130,14 @@ def _search(
     held = _pieces(part.twin, holdout, part.joints)
     strained = _strained(part)
     outcome = _Outcome(name, part.joints, part.base.chi_square, strained)
-    base = judge(part, part.base, held, seed=seed)
-    outcome.left = base.adequacy
+    gate = Gate(part, held, seed=seed)
+    outcome.left = gate.judge(part.base).adequacy
     say(f"{name}: {part.base.chi_square:.1f} times the floor with the nominal parameters' uncertainty taken out")
     if part.base.chi_square <= QUIET_CHI_SQUARE and not strained:
         outcome.quiet = True
         return outcome
     for _ in range(most_effects):
-        step = _step(part, held, seed, say, outcome)
+        step = _step(part, gate, say, outcome)
         if step is None:
             break
         fit, judged, rivals = step
@@ -148,7 +148,8 @@ def _search(
         richer = part.twin.changed(part.twin.terms.with_effect(hypothesis.term(fit.values)))
         settled = PartFit(richer, part.recordings, part.joints)
         # beside the effect the nuisances have gone back to where they belong: judged once more as it stands
-        outcome.left = min(outcome.left, judge(settled, settled.base, held, seed=seed).adequacy)
+        gate = Gate(settled, held, seed=seed)
+        outcome.left = min(outcome.left, gate.judge(settled.base).adequacy)
         outcome.strained = _strained(settled)
         if outcome.left <= ADEQUATE and not outcome.strained:
             break
@@ -161,9 +162,7 @@ def _strained(part: PartFit) -> dict[str, float]:
     return {name: sigma for name, sigma in part.strained(part.base).items() if abs(sigma) > STRAINED_SIGMA}
 
 
-def _step(
-    part: PartFit, held: Sequence[Aligned], seed: int, say: Stream, outcome: _Outcome
-) -> tuple[Fit, HeldOut, tuple[str, ...]] | None:
+def _step(part: PartFit, gate: Gate, say: Stream, outcome: _Outcome) -> tuple[Fit, HeldOut, tuple[str, ...]] | None:
     """One more effect for a part: the best candidate that passes the gate, and what it cannot be told from."""
     chosen, passed_over = _shortlist(part)
     for gain, hypothesis, _ in passed_over:
@@ -187,7 +186,7 @@ def _step(
     rivals: list[str] = []
     best_evidence = 0.0
     for evidence, fit in fits:
-        judged = judge(part, fit, held, seed=seed)
+        judged = gate.judge(fit)
         hypothesis = fit.hypothesis
         assert hypothesis is not None
         mse = float(np.mean([(r**2).mean() for r in fit.problem.joint_residuals(fit.point[None])]))

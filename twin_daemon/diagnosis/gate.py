@@ -25,7 +25,6 @@ class HeldOut:
     mse_after: float
     gain: float
     gain_ci95: tuple[float, float]
-    adequacy_before: float
     adequacy: float
 
     @property
@@ -39,28 +38,43 @@ class HeldOut:
         return self.adequacy <= ADEQUATE
 
 
-def judge(part: PartFit, fit: Fit, holdout: Sequence[Aligned], *, seed: int) -> HeldOut:
-    """Compares a fit with the nuisances alone, both as fitted, on held-out recordings.
+class Gate:
+    """Held-out motion for one part, against which any of its fits is judged.
 
-    A nuisance that the effect speaks for is held at its nominal value beside it: what stood in for the effect does
-    not count against it.
+    What the recordings alone determine, such as the time step's error on them, is computed once for all fits.
     """
-    corrections = step_corrections(part.twin, holdout, part.joints)
-    before = part.held_out(_without_stand_in(part, fit), holdout, corrections)
-    after = part.held_out(fit, holdout, corrections)
-    known = [np.isfinite(r.measured[:, [r.joints.index(j) for j in part.joints]]) for r in holdout]
-    squares_before = np.concatenate([(r**2).mean(axis=1)[k.any(axis=1)] for r, k in zip(before, known, strict=True)])
-    squares_after = np.concatenate([(r**2).mean(axis=1)[k.any(axis=1)] for r, k in zip(after, known, strict=True)])
-    block = max(1, int(_BLOCK_S / float(np.median(np.diff(holdout[0].time_s)))))
-    total_before, total_after = float(squares_before.mean()), float(squares_after.mean())
-    return HeldOut(
-        mse_before=total_before,
-        mse_after=total_after,
-        gain=1.0 - total_after / max(total_before, 1e-30),
-        gain_ci95=block_gain(squares_before, squares_after, block, seed),
-        adequacy_before=_adequacy(before, known, part.floor),
-        adequacy=_adequacy(after, known, part.floor),
-    )
+
+    def __init__(self, part: PartFit, holdout: Sequence[Aligned], *, seed: int) -> None:
+        self._part = part
+        self._holdout = holdout
+        self._seed = seed
+        self._corrections = step_corrections(part.twin, holdout, part.joints)
+        self._known = [np.isfinite(r.measured[:, [r.joints.index(j) for j in part.joints]]) for r in holdout]
+        self._block = max(1, int(_BLOCK_S / float(np.median(np.diff(holdout[0].time_s)))))
+
+    def judge(self, fit: Fit) -> HeldOut:
+        """Compares a fit with the nuisances alone, both as fitted, on the held-out recordings.
+
+        A nuisance that the effect speaks for is held at its nominal value beside it: what stood in for the effect
+        does not count against it.
+        """
+        part = self._part
+        before = part.held_out(_without_stand_in(part, fit), self._holdout, self._corrections)
+        after = part.held_out(fit, self._holdout, self._corrections)
+        squares_before, squares_after = self._squares(before), self._squares(after)
+        total_before, total_after = float(squares_before.mean()), float(squares_after.mean())
+        return HeldOut(
+            mse_before=total_before,
+            mse_after=total_after,
+            gain=1.0 - total_after / max(total_before, 1e-30),
+            gain_ci95=block_gain(squares_before, squares_after, self._block, self._seed),
+            adequacy=_adequacy(after, self._known, part.floor),
+        )
+
+    def _squares(self, residuals: Sequence[np.ndarray]) -> np.ndarray:
+        """(n,) mean over the joints of each measured sample's squared error, over all recordings."""
+        pairs = zip(residuals, self._known, strict=True)
+        return np.concatenate([(r**2).mean(axis=1)[k.any(axis=1)] for r, k in pairs])
 
 
 def _without_stand_in(part: PartFit, fit: Fit) -> Fit:

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import mujoco
 import numpy as np
 
 from twin_daemon.fitting.knobs import Knob
 from twin_daemon.fitting.problem import Problem
 from twin_daemon.simulation.alignment import Aligned
-from twin_daemon.simulation.submodel import parts, submodel
+from twin_daemon.simulation.submodel import parts, submodel, touching_parts
 from twin_daemon.simulation.twin import TwinModel
 
 _CONTACT_POSES = 60
@@ -107,18 +106,6 @@ def restricted(aligned: Aligned, joints: tuple[str, ...]) -> Aligned:
 
 def touching(twin: TwinModel, recording: Aligned) -> bool:
     """Whether the hand touches anything along the measured motion, by the model's own geometry."""
-    data = mujoco.MjData(twin.base_model)
-    if not twin.base_model.ngeom:
-        return False
-    for row in np.linspace(0, len(recording.measured) - 1, _CONTACT_POSES).astype(int):
-        position = twin.measurement.invert(twin.joints, recording.measured[row])
-        known = np.isfinite(position)
-        joints = [twin.hand.description.joints[n].joint for n in twin.joints]
-        for name, value in zip(np.array(joints)[known], position[known], strict=True):
-            data.joint(name).qpos[0] = value
-        mujoco.mj_kinematics(twin.base_model, data)
-        mujoco.mj_comPos(twin.base_model, data)
-        mujoco.mj_collision(twin.base_model, data)
-        if data.ncon:
-            return True
-    return False
+    rows = np.linspace(0, len(recording.measured) - 1, _CONTACT_POSES).astype(int)
+    poses = twin.measurement.invert(twin.joints, recording.measured[rows])
+    return bool(touching_parts(twin, parts(twin), poses))

@@ -32,7 +32,7 @@ def parts(twin: TwinModel) -> tuple[Part, ...]:
     """The branches of the hand: joints that share a chain or an actuator belong together."""
     model = twin.model
     bodies = {name: int(model.dof_bodyid[dof]) for name, dof in zip(twin.joints, twin.dof_adr, strict=True)}
-    ancestors = {name: _ancestors(model, body) for name, body in bodies.items()}
+    ancestors = {name: set(_upwards(model, body)) for name, body in bodies.items()}
     above = {a: [b for b in bodies if b != a and bodies[a] in ancestors[b]] for a in bodies}
     # a trunk joint carries joints of at least two branches that do not carry each other
     forks = {a for a, carried in above.items() if _branches(carried, bodies, ancestors)}
@@ -69,14 +69,6 @@ def _part_name(twin: TwinModel, members: tuple[str, ...]) -> str:
     return min(fitting)[1] if fitting and len(members) > 1 else next(iter(members))
 
 
-def _ancestors(model: mujoco.MjModel, body: int) -> set[int]:
-    out = {body}
-    while body:
-        body = int(model.body_parentid[body])
-        out.add(body)
-    return out
-
-
 def _branches(carried: list[str], bodies: dict[str, int], ancestors: dict[str, set[int]]) -> bool:
     heads = [c for c in carried if not any(bodies[o] in ancestors[c] and bodies[o] != bodies[c] for o in carried)]
     return len({bodies[h] for h in heads}) > 1
@@ -108,6 +100,7 @@ def touching_parts(twin: TwinModel, found: Sequence[Part], poses: np.ndarray) ->
 
 
 def _upwards(model: mujoco.MjModel, body: int) -> list[int]:
+    """A body and all that it stands on, the world last."""
     chain = [body]
     while body:
         body = int(model.body_parentid[body])

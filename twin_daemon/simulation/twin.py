@@ -233,11 +233,6 @@ class TwinModel:
 
     # -- signals -------------------------------------------------------------------------------------------
 
-    def unknown_commands(self, names: Sequence[str]) -> list[str]:
-        """Command names that drive nothing in this model."""
-        mapping, _ = self.command_map(tuple(names))
-        return [name for i, name in enumerate(names) if not mapping[:, i].any()]
-
     def command_map(self, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
         """((nu, k) linear map from targets by name to controls, (nu,) which actuators the names determine).
 
