@@ -4,7 +4,7 @@ SHELL := /bin/bash
 BIN := .venv/bin
 WORKERS ?= 2
 
-.PHONY: help setup setup-ros demo test lint lock clean
+.PHONY: help setup setup-ros demo test lint bench suite lock clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1|\2/p' $(MAKEFILE_LIST) | column -t -s '|'
@@ -20,6 +20,13 @@ demo: setup  ## the whole story, no hardware needed
 
 test: lint  ## style, types, layers, tests
 	@$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
+
+bench: setup  ## how long a diagnosis of the whole hand takes, then the hidden suite
+	@$(BIN)/python -m bench.whole_hand
+	@$(MAKE) --no-print-directory suite
+
+suite: setup  ## the hidden suite: its rates and its confusion matrix, into docs/hidden-suite.md (half an hour)
+	@$(BIN)/python -m bench.hidden_suite --folder build/suite --page docs/hidden-suite.md --workers $(WORKERS)
 
 lint: setup
 	@$(BIN)/ruff check .

@@ -28,7 +28,7 @@ def test_an_effect_is_added_with_given_values_and_removed_again(tmp_path: Path, 
         ("backlash", "rh_FFJ3"),
         ("backlash", "rh_MFJ3"),
     }
-    assert all(t["values"] == {"gap": 0.03} for t in version.terms["effects"])
+    assert all(t["values"]["gap"] == 0.03 for t in version.terms["effects"])
     assert store.current() is None
 
     removed = called(
@@ -52,11 +52,11 @@ def test_an_effect_is_fitted_beside_what_is_uncertain(played: Path, tmp_path: Pa
 
 def test_what_is_set_is_not_fitted(sound: Path, tmp_path: Path) -> None:
     result = called(
-        "add", "backlash", "--joint", JOINT, "--set", "gap=0.01", "--recording", str(sound),
+        "add", "backlash", "--joint", JOINT, "--set", "gap=0.01", "motor_share=0.3", "--recording", str(sound),
         result=tmp_path / "a.json",
     )  # fmt: skip
     assert result["parameters"] == {}
-    assert result["terms"]["effects"][0]["values"] == {"gap": 0.01}
+    assert result["terms"]["effects"][0]["values"] == {"gap": 0.01, "motor_share": 0.3}
 
 
 def test_an_exported_twin_with_effects_moves_like_the_twin(tmp_path: Path, twin: TwinModel) -> None:

@@ -98,7 +98,8 @@ def test_a_small_step_in_a_parameter_is_a_small_step_in_the_motion(key: str, ben
     values = LIBRARY[key].complete({})
     moved = bench.move(bench.with_effects((key, target, values)))
     for parameter in LIBRARY[key].parameters:
-        near = values | {parameter.name: values[parameter.name] * (1 + 1e-6) + 1e-9}
+        inwards = -1 if values[parameter.name] == parameter.upper else 1
+        near = values | {parameter.name: values[parameter.name] * (1 + inwards * 1e-6) + inwards * 1e-9}
         stepped = bench.move(bench.with_effects((key, target, near)))
         assert np.abs(stepped - moved).max() < 2e-3
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from twin_daemon.diagnosis.nuisances import OWN
 from twin_daemon.effects import LIBRARY
@@ -78,6 +80,24 @@ class Hypothesis:
         kind = OWN.get(self.effect.key)
         return set() if kind is None else {f"{self.target}.{kind}"}
 
+    def freed(self, twin: TwinModel, scales: Mapping[str, float]) -> list[dict[str, float]]:
+        """Starts that go on from where a nuisance has been standing in for the candidate, at these factors.
+
+        A factor on a servo takes along what the servo drives, so that its starts count from there.
+        """
+        first = self.effect.parameters[0]
+        lower, upper = self._box(first)
+        found = []
+        for name in self.speaks_for(twin):
+            factor = scales.get(name, 1.0)
+            if first.neutral == 1.0:
+                begun = [(start | {first.name: start[first.name] * factor}) for start in self.starts]
+                begun.append(self.effect.neutral() | {first.name: factor})
+            else:
+                begun = [{first.name: (factor - 1.0) * twin.parameter(name).read(twin.base_model)}]
+            found += [values | {first.name: float(np.clip(values[first.name], lower, upper))} for values in begun]
+        return [self.effect.complete(values) for values in found]
+
     def holds_offset(self) -> set[str]:
         """Joints whose reading's offset this candidate speaks for."""
         return {self.target} if self.effect.key == "sensor_offset" else set()
@@ -97,7 +117,7 @@ def hypotheses(twin: TwinModel, joints: Sequence[str], *, whole_hand: bool) -> l
             if (effect.key, target) in present or not effect.applies(twin.place(target)):
                 continue
             starts = effect.starts(twin.scale(target if target != "hand" else joints[0]))
-            hypothesis = Hypothesis(effect, target, tuple(effect.complete(s) for s in starts))
+            hypothesis = Hypothesis(effect, target, tuple(effect.complete(effect.clipped(s)) for s in starts))
             if hypothesis.sensible():
                 found.append(hypothesis)
     return found

@@ -7,25 +7,34 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin_daemon.diagnosis.partfit import Fit, PartFit
-from twin_daemon.diagnosis.whitened import block_gain, step_corrections
+from twin_daemon.diagnosis.fit import Fit
+from twin_daemon.diagnosis.partfit import PartFit
+from twin_daemon.diagnosis.whitened import block_gain
 from twin_daemon.simulation.alignment import Aligned
 
 ADEQUATE = 3.0
 """Held-out error over the floor (both squared) up to which a model is called right: wrong effects leave 9 and more."""
+
+RELATIVE = 0.06
+"""Part of a joint's error that a right effect may leave where that is more: laws differ in form. Wrong effects leave
+a fifth and more."""
 
 _BLOCK_S = 0.75
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """A fit on held-out motion beside the model without the effect. Errors in rad^2, `adequacy` in floors."""
+    """A fit on held-out motion beside the model without the effect. Errors in rad^2.
+
+    `by_joint` (k,) is what is left of each joint in floors, `allowed` (k,) what a right model may leave.
+    """
 
     mse_before: float
     mse_after: float
     gain: float
     gain_ci95: tuple[float, float]
-    adequacy: float
+    by_joint: np.ndarray
+    allowed: np.ndarray
 
     @property
     def passes(self) -> bool:
@@ -35,7 +44,12 @@ class HeldOut:
     @property
     def adequate(self) -> bool:
         """Whether what is left is what a right model leaves."""
-        return self.adequacy <= ADEQUATE
+        return bool((self.by_joint <= self.allowed).all())
+
+    @property
+    def adequacy(self) -> float:
+        """What is left of the worst joint, in what a right model may leave."""
+        return float((self.by_joint / self.allowed).max())
 
 
 class Gate:
@@ -44,12 +58,18 @@ class Gate:
     What the recordings alone determine, such as the time step's error on them, is computed once for all fits.
     """
 
-    def __init__(self, part: PartFit, holdout: Sequence[Aligned], *, seed: int) -> None:
+    def __init__(
+        self, part: PartFit, holdout: Sequence[Aligned], *, seed: int, first: np.ndarray | None = None
+    ) -> None:
+        """`first` (k,) is what was left of each joint, in floors, before any effect was found."""
         self._part = part
         self._holdout = holdout
         self._seed = seed
-        self._corrections = step_corrections(part.twin, holdout, part.joints)
+        self._before: dict[tuple[str, ...], list[np.ndarray]] = {}
         self._known = [np.isfinite(r.measured[:, [r.joints.index(j) for j in part.joints]]) for r in holdout]
+        base = part.held_out(part.base, holdout)
+        self.first = _left(base, self._known, part.floor) if first is None else first
+        self._before[()] = base
         self._block = max(1, int(_BLOCK_S / float(np.median(np.diff(holdout[0].time_s)))))
 
     def judge(self, fit: Fit) -> HeldOut:
@@ -59,8 +79,12 @@ class Gate:
         does not count against it.
         """
         part = self._part
-        before = part.held_out(_without_stand_in(part, fit), self._holdout, self._corrections)
-        after = part.held_out(fit, self._holdout, self._corrections)
+        owned = fit.hypothesis.speaks_for(part.twin) if fit.hypothesis else set()
+        key = tuple(sorted(owned))
+        if key not in self._before:
+            self._before[key] = part.held_out(_without_stand_in(part, owned), self._holdout)
+        before = self._before[key]
+        after = before if fit is part.base else part.held_out(fit, self._holdout)
         squares_before, squares_after = self._squares(before), self._squares(after)
         total_before, total_after = float(squares_before.mean()), float(squares_after.mean())
         return HeldOut(
@@ -68,7 +92,8 @@ class Gate:
             mse_after=total_after,
             gain=1.0 - total_after / max(total_before, 1e-30),
             gain_ci95=block_gain(squares_before, squares_after, self._block, self._seed),
-            adequacy=_adequacy(after, self._known, part.floor),
+            by_joint=_left(after, self._known, part.floor),
+            allowed=np.maximum(ADEQUATE, RELATIVE * self.first),
         )
 
     def _squares(self, residuals: Sequence[np.ndarray]) -> np.ndarray:
@@ -77,25 +102,24 @@ class Gate:
         return np.concatenate([(r**2).mean(axis=1)[k.any(axis=1)] for r, k in pairs])
 
 
-def _without_stand_in(part: PartFit, fit: Fit) -> Fit:
-    owned = fit.hypothesis.speaks_for(part.twin) if fit.hypothesis else set()
+def _without_stand_in(part: PartFit, owned: set[str]) -> Fit:
     knobs = part.base.problem.knobs
     start = part.base.problem.start
     point = [start[i] if knob.name in owned else part.base.point[i] for i, knob in enumerate(knobs)]
     return replace(part.base, point=np.array(point))
 
 
-def _adequacy(residuals: Sequence[np.ndarray], known: Sequence[np.ndarray], floor: np.ndarray) -> float:
-    """Mean squared error over the floor; a constant offset within a few mrad is not held against a model."""
-    total, count = 0.0, 0
+def _left(residuals: Sequence[np.ndarray], known: Sequence[np.ndarray], floor: np.ndarray) -> np.ndarray:
+    """(k,) mean squared error over the floor; a constant offset within a few mrad is not held against a model."""
+    total, count = np.zeros(len(floor)), np.zeros(len(floor))
     for residual, mask in zip(residuals, known, strict=True):
         for joint in range(residual.shape[1]):
             series = residual[mask[:, joint], joint]
             if series.size:
                 offset = np.clip(series.mean(), -_OFFSET_RAD, _OFFSET_RAD)
-                total += float(((series - offset) ** 2).sum() / floor[joint])
-                count += series.size
-    return total / max(count, 1)
+                total[joint] += float(((series - offset) ** 2).sum() / floor[joint])
+                count[joint] += series.size
+    return total / np.maximum(count, 1)
 
 
 _OFFSET_RAD = 2e-3

@@ -24,7 +24,8 @@ FREE_ONSET_SIGMA_S = 0.05
 OFFSET_SIGMA_RAD = 1.5e-3
 
 _KINDS = ("damping", "frictionloss", "armature")
-_REACH = 6.0  # of the parameters, as a factor: far enough for a nuisance to betray that it has to move
+_DELAY_REACH = 3.0  # of its sigma: all joints share it, so that one late joint must not spoil the others
+_REACH = 12.0  # of the parameters, as a factor: far enough for a nuisance to betray that it has to move
 
 # The nuisance that a candidate itself moves is dropped for it: the candidate speaks for it.
 OWN = {
@@ -36,21 +37,31 @@ OWN = {
 
 
 def nuisance_knobs(twin: TwinModel, recordings: Sequence[Aligned], joints: Sequence[str]) -> tuple[Knob, ...]:
-    """Scale factors of the moving joints' parameters and of their servos' gains, and each recording's delay."""
-    knobs = []
-    for kind in _KINDS:
-        for joint in joints:
-            name = f"{joint}.{kind}"
-            if twin.parameter(name).read(twin.model) > 0.0:
-                knobs.append(_scale(name, joint))
-    for actuator, row in zip(twin.actuators, twin.drive, strict=True):
-        driven = [twin.joints[j] for j in np.flatnonzero(row)]
-        if set(driven) & set(joints) and twin.parameter(f"{actuator}.kp").read(twin.model) > 0.0:
-            knobs.append(_scale(f"{actuator}.kp", *driven))
+    """Scale factors of the moving joints' parameters and of their servos' gains, and each recording's delay.
+
+    A servo that is twice as strong before twice the friction and inertia moves the same, but for gravity. So that a
+    search may walk along this valley, a servo's factor scales what it drives as well, and the factors of damping,
+    friction and armature are what they have beyond it. Priors are about the whole factor of each parameter.
+    """
+    driven_by = {
+        f"{actuator}.kp": [twin.joints[j] for j in np.flatnonzero(row)]
+        for actuator, row in zip(twin.actuators, twin.drive, strict=True)
+    }
+    known = {
+        name: joint
+        for kind in _KINDS
+        for joint in joints
+        if twin.parameter(name := f"{joint}.{kind}").read(twin.model) > 0.0
+    }
+    knobs = [_scale(name, (name,), joint) for name, joint in known.items()]
+    for servo, driven in driven_by.items():
+        if set(driven) & set(joints) and twin.parameter(servo).read(twin.model) > 0.0:
+            along = [name for name, joint in known.items() if joint in driven]
+            knobs.append(_scale(servo, (servo, *along), *driven))
     for number, (_, members) in enumerate(_by_recording(recordings).items()):
         sigma = FREE_ONSET_SIGMA_S if recordings[members[0]].onset_free else DELAY_SIGMA_S
         writes = tuple(("onset", str(index)) for index in members)
-        reach = 8.0 * sigma
+        reach = _DELAY_REACH * sigma
         knobs.append(Knob(f"delay.{number}", "s", -reach, reach, 0.0, False, writes, prior=Prior(0.0, sigma)))
     return tuple(knobs)
 
@@ -63,7 +74,7 @@ def _by_recording(pieces: Sequence[Aligned]) -> dict[str, list[int]]:
     return out
 
 
-def _scale(name: str, *joints: str) -> Knob:
+def _scale(name: str, parameters: tuple[str, ...], *joints: str) -> Knob:
     return Knob(
         name=name,
         unit="of nominal",
@@ -71,15 +82,8 @@ def _scale(name: str, *joints: str) -> Knob:
         upper=_REACH,
         start=1.0,
         log=True,
-        writes=(("parameter", name),),
+        writes=tuple(("parameter", parameter) for parameter in parameters),
         mode="scale",
         prior=Prior(0.0, PARAMETER_SIGMA),
         joints=joints,
     )
-
-
-def sigmas(knob: Knob, unit: float) -> float:
-    """How many sigma a knob at a unit coordinate is from its prior."""
-    if knob.prior is None:
-        return 0.0
-    return (knob.low + unit * (knob.high - knob.low) - knob.prior.mean) / knob.prior.sigma

@@ -1,164 +1,187 @@
-"""One part of the hand under diagnosis: its nuisances fitted once, then every candidate against them."""
+"""One part of a hand under diagnosis: nuisances fitted alone, candidates screened and fitted beside them."""
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
-from mujoco import minimize
 
 from twin_daemon.diagnosis.candidates import Hypothesis
-from twin_daemon.diagnosis.nuisances import nuisance_knobs, sigmas
-from twin_daemon.diagnosis.whitened import WhitenedProblem, floor_variance, step_corrections
-from twin_daemon.errors import BadInput
+from twin_daemon.diagnosis.descent import Derivative, descend, differenced
+from twin_daemon.diagnosis.fit import Fit, Rough, as_fit, own_columns
+from twin_daemon.diagnosis.nuisances import nuisance_knobs
+from twin_daemon.diagnosis.whitened import WhitenedProblem, floor_variance
 from twin_daemon.fitting.knobs import Knob
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
 
-_STEP = 3e-3  # of a knob's box, for its derivative
-_NUISANCE_ITERATIONS = 15
+QUIET_CHI_SQUARE = 1.6
+"""The residual over its floor up to which there is nothing to explain."""
 
-
-@dataclass(frozen=True)
-class Fit:
-    """A fitted candidate: its point over `problem.knobs`, its cost (-2 log posterior) and its chi-square."""
-
-    hypothesis: Hypothesis | None
-    problem: WhitenedProblem
-    point: np.ndarray
-    cost: float
-    chi_square: float
-
-    @property
-    def values(self) -> dict[str, float]:
-        """The effect's parameters by name."""
-        if self.hypothesis is None:
-            return {}
-        own = {k.name: v for k, v in zip(self.problem.knobs, self.problem.values(self.point), strict=True)}
-        names = [p.name for p in self.hypothesis.effect.parameters]
-        found = {name: own.get(f"{self.hypothesis.name}.{name}") for name in names}
-        fixed = self.hypothesis.effect.complete({})
-        return {name: float(fixed[name] if value is None else value) for name, value in found.items()}
-
-    @property
-    def nuisances(self) -> dict[str, float]:
-        """Unit coordinates of the nuisances by name."""
-        return {k.name: float(u) for k, u in zip(self.problem.knobs, self.point, strict=True) if k.prior is not None}
+_NUISANCE_EVALUATIONS = 12
+_SUSPECT_SIGMA = 3.0
+_SHARE = 0.04  # of the whole error below which a joint is not looked at, as long as another is worse
+_SETTLED = 0.95  # of the cost before: a round of the nuisances that gains less is the last
+_GONE_FAR = 0.8  # of its first cost: a descent that has come below this is taken up again
+_STEP_ERROR_SHARE = 0.5  # of the time step's error that is left after it has been taken out
 
 
 class PartFit:
     """A sub-model with its recordings: the fit of nuisances alone, and of candidates beside them."""
 
-    def __init__(self, twin: TwinModel, recordings: Sequence[Aligned], joints: Sequence[str]) -> None:
+    def __init__(
+        self, twin: TwinModel, recordings: Sequence[Aligned], joints: Sequence[str], *, after: Fit | None = None
+    ) -> None:
+        """`after` is the fit of an effect that the twin now has: the nuisances begin where it has left them."""
         self.twin = twin
         self.recordings = tuple(recordings)
         self.joints = tuple(joints)
-        self.floor = floor_variance(recordings, joints)
+        self._own_columns = [twin.joints.index(joint) for joint in joints]
         self.knobs = nuisance_knobs(twin, recordings, joints)
-        self._corrections = step_corrections(twin, recordings, joints)
-        self.floor = self.floor + np.mean([(0.5 * c).var(axis=0) for c in self._corrections], axis=0)
-        self.problem = WhitenedProblem(twin, recordings, self.knobs, joints, self.floor, corrections=self._corrections)
-        self._coarse = twin.at_step(2.0 * float(twin.model.opt.timestep))
-        self.base = self._fit_nuisances()
+        if after is None:
+            floor = floor_variance(recordings, joints)
+            rough = WhitenedProblem(twin, recordings, self.knobs, joints, floor)
+            self.corrections: Sequence[np.ndarray] = rough.step_errors(rough.start)
+            errors = [(_STEP_ERROR_SHARE * e).var(axis=0) for e in self.corrections]
+            self.floor = floor + np.mean(errors, axis=0)
+        else:
+            self.corrections, self.floor = after.problem.corrections, after.problem.floor
+        self.problem = WhitenedProblem(twin, recordings, self.knobs, joints, self.floor, corrections=self.corrections)
+        self.coarse = twin.at_step(2.0 * float(twin.model.opt.timestep))
+        self._nominal: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+        self.base = self._fit_nuisances(after)
 
     # -- nuisances -----------------------------------------------------------------------------------------
 
-    def _fit_nuisances(self) -> Fit:
-        fit = descended(None, self.problem, self.problem.start, _NUISANCE_ITERATIONS)
-        point = fit.point
-        self.base_rows = self.problem.residuals(point[None])[0]
-        self.jacobian = self._derivative(point, self.base_rows)
-        self._basis, _ = np.linalg.qr(self.jacobian)
-        self._projected = self.base_rows - self._basis @ (self._basis.T @ self.base_rows)
-        coarse = WhitenedProblem(
-            self._coarse, self.recordings, self.knobs, self.joints, self.floor, corrections=self._corrections
-        )
-        self._coarse_rows = coarse.residuals(point[None])[0]
-        return fit
+    def _fit_nuisances(self, after: Fit | None) -> Fit:
+        problem = self.problem
+        if after is None:
+            point, _, slopes = self.nominal
+        else:
+            units = after.nuisances
+            point = np.array([units.get(k.name, u) for k, u in zip(problem.knobs, problem.start, strict=True)])
+            slopes = self._taken_over(after)
+        before = np.inf
+        for known in (slopes, None, None, None):
+            derivative = Derivative(problem, (), known)
+            found = descend(problem, point, derivative, evaluations=_NUISANCE_EVALUATIONS, enough=self._is_quiet)
+            point, cost = found.point, float(found.rows @ found.rows)
+            if self._is_quiet(point, found.rows) or cost > _SETTLED * before:
+                break
+            before = cost
+        return as_fit(None, problem, found)
 
-    def _derivative(self, point: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        sign = np.where(point > 0.5, -1.0, 1.0)
-        trials = point + np.eye(len(point)) * (_STEP * sign)[:, None]
-        return ((self.problem.residuals(trials) - rows) / (_STEP * sign)[:, None]).T
+    @property
+    def nominal(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(point, rows, slopes) with every nuisance at its nominal value."""
+        if self._nominal is None:
+            start = self.problem.start
+            rows = self.problem.residuals(start[None])[0]
+            self._nominal = start, rows, differenced(self.problem, start, rows, range(len(start)))
+        return self._nominal
 
-    def strained(self, fit: Fit) -> dict[str, float]:
-        """How many sigma each nuisance is from its prior."""
-        pairs = zip(fit.problem.knobs, fit.point, strict=True)
-        return {k.name: sigmas(k, u) for k, u in pairs if k.prior is not None}
+    def _taken_over(self, fit: Fit) -> np.ndarray | None:
+        """A fit's derivative by the nuisances; None where it did not have them all."""
+        columns = {k.name: i for i, k in enumerate(fit.problem.knobs)}
+        if not all(k.name in columns for k in self.knobs):
+            return None
+        data = self.blocks()[-1][1]
+        slopes = fit.slopes[:data, [columns[k.name] for k in self.knobs]]
+        return np.concatenate([slopes, self.problem.prior_slopes()])
+
+    def _is_quiet(self, point: np.ndarray, rows: np.ndarray) -> bool:
+        """Whether nuisances that are nowhere near their limits leave no more than the floor."""
+        priors = rows[len(rows) - len(self.knobs) :]
+        data = float((rows**2).sum() - (priors**2).sum()) / self.problem.effective_samples
+        return data <= 0.8 * QUIET_CHI_SQUARE and float(np.abs(priors).max(initial=0.0)) < 3.0
 
     # -- candidates ----------------------------------------------------------------------------------------
 
-    def problem_with(
-        self, hypothesis: Hypothesis, values: dict[str, float], *, coarse: bool = False
-    ) -> WhitenedProblem:
-        """The problem with one more effect, its parameters and all nuisances but the ones it speaks for."""
-        dropped = hypothesis.speaks_for(self.twin)
-        kept = tuple(k for k in self.knobs if k.name not in dropped)
-        base = self._coarse if coarse else self.twin
-        twin = base.changed(base.terms.with_effect(hypothesis.term(values)))
+    @property
+    def groups(self) -> list[frozenset[str]]:
+        """The part's joints by what moves them: the joints of one servo together, others alone."""
+        driven = [frozenset(self.twin.joints[i] for i in np.flatnonzero(row)) for row in self.twin.drive]
+        found = [group for group in driven if group & set(self.joints)]
+        return found + [frozenset({j}) for j in self.joints if not any(j in group for group in found)]
+
+    def group_of(self, target: str) -> frozenset[str] | None:
+        """The joints that an effect at a joint or a command is about; None for the whole hand."""
+        for actuator, row in zip(self.twin.actuators, self.twin.drive, strict=True):
+            driven = frozenset(self.twin.joints[i] for i in np.flatnonzero(row))
+            if target == actuator or target in driven:
+                return driven
+        return frozenset({target}) if target in self.twin.joints else None
+
+    @property
+    def suspects(self) -> set[str]:
+        """Joints at which something may be missing: the loud ones, or where none is, those whose nuisances strain."""
+        residuals = self.problem.joint_residuals(self.base.point[None])
+        squares = np.sum([(r[0] ** 2).sum(axis=0) for r in residuals], axis=0) / self.floor
+        known = np.maximum(np.sum([np.isfinite(r.measured).sum(axis=0)[self._own_columns] for r in self.recordings],
+                                  axis=0), 1)  # fmt: skip
+        loud = (squares / known > QUIET_CHI_SQUARE) & (squares > _SHARE * squares.sum())
+        found = {joint for joint, is_loud in zip(self.joints, loud, strict=True) if is_loud}
+        if not found:
+            strains = self.base.strains
+            found = {joint for k in self.knobs if abs(strains[k.name]) > _SUSPECT_SIGMA for joint in k.joints}
+        for group in self.groups:
+            found |= group if group & found else set()
+        return (found & set(self.joints)) or set(self.joints)
+
+    def blocks(self) -> list[tuple[int, int]]:
+        """Where the rows of each recording are."""
+        sizes = [len(r.time_s) * len(self.joints) for r in self.recordings]
+        ends = np.cumsum(sizes)
+        return [(int(end - size), int(end)) for size, end in zip(sizes, ends, strict=True)]
+
+    def _along(self, hypothesis: Hypothesis, knob: Knob) -> Knob:
+        """A candidate's knob that takes along what the nuisance did that it speaks for, such as a servo's gain."""
+        spoken = hypothesis.speaks_for(self.twin)
+        writes = [write for k in self.knobs if k.name in spoken for write in k.writes[1:]]
+        return replace(knob, writes=(*knob.writes, *writes), mode="scale") if writes else knob
+
+    def problem_with(self, *effects: tuple[Hypothesis, dict[str, float]]) -> WhitenedProblem:
+        """The problem with more effects, their parameters and all nuisances but the ones that they speak for."""
+        spoken = {name for hypothesis, _ in effects for name in hypothesis.speaks_for(self.twin)}
+        offsets = {joint for hypothesis, _ in effects for joint in hypothesis.holds_offset()}
+        terms, own = self.twin.terms, []
+        for hypothesis, values in effects:
+            terms = terms.with_effect(hypothesis.term(values))
+            first, *others = hypothesis.knobs(values)
+            own += [self._along(hypothesis, first), *others]
         return WhitenedProblem(
-            twin,
+            self.twin.changed(terms),
             self.recordings,
-            (*hypothesis.knobs(values), *kept),
+            (*own, *(k for k in self.knobs if k.name not in spoken)),
             self.joints,
             self.floor,
-            offset_held=hypothesis.holds_offset(),
-            corrections=self._corrections,
+            offset_held=sorted(offsets),
+            corrections=self.corrections,
         )
 
-    def start_point(self, problem: WhitenedProblem) -> np.ndarray:
-        """The candidate's own start, with the nuisances where they are without it."""
-        known = self.base.nuisances
-        own = problem.start
-        return np.array([known.get(k.name, u) for k, u in zip(problem.knobs, own, strict=True)])
+    def finely(self, rough: Rough, evaluations: int) -> Fit:
+        """The fit on all motion, with the time step's error and all derivatives taken where it has come to.
 
-    def screen(self, hypothesis: Hypothesis) -> tuple[float, dict[str, float]]:
-        """(gain, start): how much cost the candidate could take away along the secant to its best start.
-
-        Both the residual and the change are seen with the nuisances projected out. A finite-size change is
-        used because backlash or dry friction are not smooth at zero. At twice the time step: a change is a
-        difference of two roll-outs, which share its error.
+        Once more from where that has come to, if it has gone far.
         """
-        scored: list[tuple[float, dict[str, float]]] = []
-        for start in hypothesis.starts:
-            with contextlib.suppress(BadInput):
-                problem = self.problem_with(hypothesis, start, coarse=True)
-                rows = problem.residuals(self.start_point(problem)[None])[0]
-                change = self._matched(problem, rows) - self._coarse_rows
-                change = change - self._basis @ (self._basis.T @ change)
-                power = float(change @ change)
-                if power > 1e-12:
-                    amount = float(np.clip(-(change @ self._projected) / power, 0.0, 1.5))
-                    reduced = self._projected + amount * change
-                    gain = float(self._projected @ self._projected - reduced @ reduced)
-                    scored.append((gain, hypothesis.along(start, amount)))
-        return max(scored, key=lambda item: item[0]) if scored else (0.0, {})
+        problem, point = rough.problem, rough.point
+        for _ in range(2):
+            problem = problem.corrected(problem.step_errors(point))
+            found = descend(problem, point, Derivative(problem, own_columns(problem)), evaluations=evaluations)
+            point = found.point
+            if found.rows @ found.rows > _GONE_FAR * found.began:
+                break
+        return as_fit(rough.hypothesis, problem, found)
 
-    def _matched(self, problem: WhitenedProblem, rows: np.ndarray) -> np.ndarray:
-        """Rows of a problem that lacks some nuisances, in the order of the base problem's rows."""
-        data = len(self.base_rows) - sum(k.prior is not None for k in self.knobs)
-        out = self._coarse_rows.copy()
-        out[:data] = rows[:data]
-        priors = dict(zip([k.name for k in problem.knobs if k.prior is not None], rows[data:], strict=True))
-        names = [k.name for k in self.knobs if k.prior is not None]
-        out[data:] = [priors.get(name, 0.0) for name in names]
-        return out
-
-    def refit(self, hypothesis: Hypothesis, start: dict[str, float], iterations: int) -> Fit | None:
-        """Fits the effect and the nuisances together; None where the effect cannot stand beside the twin's others.
-
-        Starts with the nuisances where they are without the effect, or at their priors, whichever is better:
-        without the right effect they may have gone far to stand in for it.
-        """
-        try:
-            problem = self.problem_with(hypothesis, start)
-            starts = np.stack([self.start_point(problem), problem.start])
-            costs = (problem.residuals(starts) ** 2).sum(axis=1)
-            return descended(hypothesis, problem, starts[int(np.argmin(costs))], iterations)
-        except BadInput:
-            return None
+    def together(self, fits: Sequence[Fit], evaluations: int) -> list[Fit]:
+        """Several effects that were found one after another, fitted at once; the same fit seen from each of them."""
+        pairs = [(fit.hypothesis, fit.values) for fit in fits if fit.hypothesis is not None]
+        problem = self.problem_with(*pairs).corrected(fits[-1].problem.corrections)
+        units = fits[-1].nuisances
+        point = np.array([units.get(k.name, u) for k, u in zip(problem.knobs, problem.start, strict=True)])
+        found = descend(problem, point, Derivative(problem, own_columns(problem)), evaluations=evaluations)
+        return [as_fit(hypothesis, problem, found) for hypothesis, _ in pairs]
 
     def evidence(self, fit: Fit) -> float:
         """Gain over the nuisances alone in nats, after the Bayesian information criterion's price of parameters."""
@@ -166,61 +189,15 @@ class PartFit:
         price = own * np.log(max(self.problem.effective_samples, 2.0))
         return 0.5 * (self.base.cost - fit.cost - price)
 
-    def held_out(self, fit: Fit, recordings: Sequence[Aligned], corrections: Sequence[np.ndarray]) -> list[np.ndarray]:
-        """Residuals (n, k) rad of a fit on held-out recordings, with its nuisances as fitted."""
+    def held_out(self, fit: Fit, recordings: Sequence[Aligned]) -> list[np.ndarray]:
+        """Residuals (n, k) rad of a fit on held-out recordings, with its nuisances as fitted, at a fine step."""
         knobs = tuple(k for k in fit.problem.knobs if not k.name.startswith("delay."))
-        shift = self._delay(fit)
+        values = fit.problem.values(fit.point)
+        shifts = [v for k, v in zip(fit.problem.knobs, values, strict=True) if k.name.startswith("delay.")]
+        shift = float(np.mean(shifts)) if shifts else 0.0
         moved = [r.with_onset(r.onset_s + shift) for r in recordings]
-        problem = WhitenedProblem(fit.problem.twin, moved, knobs, self.joints, self.floor, corrections=corrections)
+        fine = fit.problem.twin.at_step(0.25 * float(fit.problem.twin.model.opt.timestep))
+        problem = WhitenedProblem(fine, moved, knobs, self.joints, self.floor)
         known = {k.name: u for k, u in zip(fit.problem.knobs, fit.point, strict=True)}
         point = np.array([known[k.name] for k in knobs])
         return [rows[0] for rows in problem.joint_residuals(point[None])]
-
-    def _delay(self, fit: Fit) -> float:
-        values = fit.problem.values(fit.point)
-        shifts = [v for k, v in zip(fit.problem.knobs, values, strict=True) if k.name.startswith("delay.")]
-        return float(np.mean(shifts)) if shifts else 0.0
-
-
-def descended(hypothesis: Hypothesis | None, problem: WhitenedProblem, start: np.ndarray, iterations: int) -> Fit:
-    """A bounded Levenberg-Marquardt descent of all knobs from a point (p,)."""
-
-    def residual(columns: np.ndarray) -> np.ndarray:
-        return problem.residuals(np.clip(np.atleast_2d(columns.T), 0.0, 1.0)).T
-
-    found, _ = minimize.least_squares(
-        start,
-        residual,
-        bounds=[np.zeros(len(start)), np.ones(len(start))],
-        eps=_STEP,
-        max_iter=iterations,
-        xtol=2e-4,
-        verbose=minimize.Verbosity.SILENT,
-    )
-    point = np.clip(np.ravel(found), 0.0, 1.0)
-    rows = problem.residuals(point[None])[0]
-    return Fit(hypothesis, problem, point, float(rows @ rows), float(problem.chi_square(point[None])[0]))
-
-
-def knob_interval(fit: Fit, knob: Knob, sigma: float) -> tuple[float, float]:
-    """95 % interval of an effect's parameter from its unit sigma, with a floor of 2 % of the value."""
-    index = fit.problem.knobs.index(knob)
-    unit = fit.point[index]
-    low, high = knob.value(max(unit - 1.96 * sigma, 0.0)), knob.value(min(unit + 1.96 * sigma, 1.0))
-    value = knob.value(unit)
-    least = 0.02 * abs(value)
-    return min(low, value - least), max(high, value + least)
-
-
-def unit_sigmas(fit: Fit) -> np.ndarray:
-    """(p,) one-sigma widths of the fit's knobs in unit coordinates, by Gauss-Newton at the fitted point."""
-    point = fit.point
-    step = 2e-3
-    sign = np.where(point > 0.5, -1.0, 1.0)
-    trials = point + np.eye(len(point)) * (step * sign)[:, None]
-    rows = fit.problem.residuals(np.concatenate([point[None], trials]))
-    jacobian = ((rows[1:] - rows[0]) / (step * sign)[:, None]).T
-    # a residual above the floor is not noise of the size assumed: the interval widens with it
-    inflation = max(1.0, fit.chi_square)
-    information = jacobian.T @ jacobian / inflation + 12.0 * np.eye(len(point))
-    return np.sqrt(np.diag(np.linalg.inv(information)))

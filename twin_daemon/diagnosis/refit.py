@@ -8,20 +8,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin_daemon.diagnosis.candidates import Hypothesis
+from twin_daemon.diagnosis.descent import Derivative, descend
+from twin_daemon.diagnosis.fit import Fit, as_fit, own_columns
+from twin_daemon.diagnosis.intervals import knob_interval, unit_sigmas
 from twin_daemon.diagnosis.nuisances import nuisance_knobs
-from twin_daemon.diagnosis.partfit import Fit, descended, knob_interval, unit_sigmas
+from twin_daemon.diagnosis.reduced import Reduction
 from twin_daemon.diagnosis.segments import segments
-from twin_daemon.diagnosis.whitened import WhitenedProblem, floor_variance, step_corrections
+from twin_daemon.diagnosis.whitened import WhitenedProblem, floor_variance
 from twin_daemon.effects.base import Effect
 from twin_daemon.errors import BadInput
 from twin_daemon.fitting.knobs import Knob
-from twin_daemon.fitting.reduce import restricted, touching
 from twin_daemon.simulation.alignment import Aligned
-from twin_daemon.simulation.submodel import parts, submodel
+from twin_daemon.simulation.submodel import parts
 from twin_daemon.simulation.terms import EffectTerm
 from twin_daemon.simulation.twin import TwinModel
 
-_ITERATIONS = 14
+_ROUNDS = 6
+_EVALUATIONS = 16  # of each, beside those of its derivatives
+_SETTLED = 0.95  # of the cost before: a round that gains less is the last
 _STARTS = 2  # descents, from the best of the effect's own starts
 
 
@@ -65,12 +69,12 @@ def refit_effect(
     does not bend the effect's values. Raises BadInput where nothing concerned moves.
     """
     moving = {n for i, n in enumerate(twin.joints) if any(r.moving[i] for r in recordings)}
-    contacts = any(touching(twin, r) for r in recordings)
+    reduction = Reduction(twin, recordings, ())
     terms: list[EffectTerm] = []
     values: dict[str, RefittedValue] = {}
     parameters: dict[str, float] = {}
     notes: list[str] = []
-    for members, own in _groups(twin, targets, together=contacts):
+    for members, own in _groups(twin, targets):
         joints = [n for n in twin.joints if n in members and n in moving]
         still = [t for t in own if t != "hand" and not set(driven_by(twin, t)) & moving]
         if still or not joints:
@@ -78,7 +82,7 @@ def refit_effect(
                 f"{', '.join(still or own)} does not move in these recordings: nothing to fit '{effect.key}' to",
                 todo="Record a motion of it, or add the effect with --set and without --recording",
             )
-        small, pieces = _pieces(twin, recordings, joints, whole=contacts or own == ["hand"])
+        small, pieces = _pieces(twin, reduction, recordings, joints, whole=own == ["hand"])
         hypotheses = [_hypothesis(small, effect, target, joints[0], start) for target in own]
         best = _fit(small, pieces, hypotheses, given, joints)
         parameters |= best.problem.settings(best.point)[0]
@@ -95,14 +99,15 @@ def refit_effect(
 def refit_parameters(twin: TwinModel, recordings: Sequence[Aligned]) -> dict[str, float]:
     """What the model's own parameters come to under their priors, without any new effect: absolute, by name."""
     moving = {n for i, n in enumerate(twin.joints) if any(r.moving[i] for r in recordings)}
-    contacts = any(touching(twin, r) for r in recordings)
+    reduction = Reduction(twin, recordings, ())
     parameters: dict[str, float] = {}
     for part in parts(twin):
         joints = [n for n in part.joints if n in moving]
         if joints:
-            small, pieces = _pieces(twin, recordings, joints, whole=contacts)
-            best = _fit(small, pieces, [], {}, joints)
-            parameters |= best.problem.settings(best.point)[0]
+            reduced = reduction.of(twin, part, joints)
+            if reduced is not None:
+                best = _fit(reduced.twin, reduced.train, [], {}, joints)
+                parameters |= best.problem.settings(best.point)[0]
     return parameters
 
 
@@ -114,25 +119,27 @@ def driven_by(twin: TwinModel, target: str) -> list[str]:
     return [joint for joint, share in zip(twin.joints, row, strict=True) if share]
 
 
-def _groups(twin: TwinModel, targets: Sequence[str], *, together: bool) -> list[tuple[set[str], list[str]]]:
-    """(joints that are judged, targets that are fitted together)."""
+def _groups(twin: TwinModel, targets: Sequence[str]) -> list[tuple[set[str], list[str]]]:
+    """(joints that are judged, targets that are fitted together): part by part."""
     if "hand" in targets:
         return [(set(twin.joints), list(targets))]
-    found = []
-    for part in parts(twin):
-        own = [t for t in targets if set(driven_by(twin, t)) & set(part.joints)]
-        if own:
-            found.append((set(part.joints), own))
-    if together and len(found) > 1:
-        return [(set().union(*(members for members, _ in found)), list(targets))]
-    return found
+    groups = [(set(p.joints), [t for t in targets if set(driven_by(twin, t)) & set(p.joints)]) for p in parts(twin)]
+    return [(members, own) for members, own in groups if own]
 
 
 def _pieces(
-    twin: TwinModel, recordings: Sequence[Aligned], joints: Sequence[str], *, whole: bool
-) -> tuple[TwinModel, list[Aligned]]:
-    small = twin if whole else _part(twin, recordings, joints)
-    return small, [piece for r in recordings for piece in segments(restricted(r, small.joints), joints)]
+    twin: TwinModel, reduction: Reduction, recordings: Sequence[Aligned], joints: Sequence[str], *, whole: bool
+) -> tuple[TwinModel, Sequence[Aligned]]:
+    if whole:
+        return twin, [piece for r in recordings for piece in segments(r, joints)]
+    part = next(p for p in parts(twin) if set(joints) <= set(p.joints))
+    reduced = reduction.of(twin, part, joints)
+    if reduced is None:
+        raise BadInput(
+            f"{part.name} touches something nearly all the time in these recordings: nothing to fit to",
+            todo="Record some seconds of motion clear of contacts",
+        )
+    return reduced.twin, reduced.train
 
 
 def _fit(
@@ -144,7 +151,8 @@ def _fit(
 ) -> Fit:
     """The best descent of the hypotheses' parameters, together, and of all that is uncertain."""
     floor = floor_variance(pieces, joints)
-    corrections = step_corrections(small, pieces, joints)
+    nominal = WhitenedProblem(small, pieces, (), joints, floor)
+    corrections = nominal.step_errors(nominal.start)
     floor = floor + np.mean([(0.5 * c).var(axis=0) for c in corrections], axis=0)
     spoken = {name for h in hypotheses for name in h.speaks_for(small)}
     nuisances = tuple(k for k in nuisance_knobs(small, pieces, joints) if k.name not in spoken)
@@ -164,24 +172,25 @@ def _fit(
             floor,
             offset_held=offsets,
             corrections=corrections,
+            threads=None,
         )
         rows = problem.residuals(problem.start[None])[0]
         trials.append((float(rows @ rows), number, problem))
     trials.sort(key=lambda trial: trial[:2])
-    fits = [descended(None, problem, problem.start, _ITERATIONS) for _, _, problem in trials[:_STARTS]]
-    return min(fits, key=lambda fit: fit.cost)
+    return min((_descended(problem) for _, _, problem in trials[:_STARTS]), key=lambda fit: fit.cost)
 
 
-def _part(twin: TwinModel, recordings: Sequence[Aligned], joints: Sequence[str]) -> TwinModel:
-    keep = set(joints)
-    for part in parts(twin):
-        if set(part.joints) & keep:
-            keep |= {n for n in part.trunk if any(r.moving[twin.joints.index(n)] for r in recordings)}
-    for row in twin.drive:
-        coupled = {twin.joints[j] for j in np.flatnonzero(row)}
-        if coupled & keep:
-            keep |= coupled
-    return submodel(twin, tuple(n for n in twin.joints if n in keep), recordings[0].start_position)
+def _descended(problem: WhitenedProblem) -> Fit:
+    """Down in rounds with new derivatives each, as long as they gain, the time step's error taken out at the end."""
+    own = own_columns(problem)
+    point = problem.start
+    for _ in range(_ROUNDS):
+        found = descend(problem, point, Derivative(problem, own), evaluations=_EVALUATIONS)
+        point = found.point
+        if found.rows @ found.rows > _SETTLED * found.began:
+            break
+    settled = problem.corrected(problem.step_errors(point))
+    return as_fit(None, settled, descend(settled, point, Derivative(settled, own), evaluations=_EVALUATIONS))
 
 
 def _hypothesis(

@@ -1,8 +1,9 @@
-"""A recording cut where the hand stands still, each piece with a roll-out of its own.
+"""A recording cut into pieces, each with a roll-out of its own: where the hand stands still, and around contacts.
 
 A free roll-out forgets nothing: the split of a coupled pair is a nearly neutral mode that creeps with friction, and
 a small cause at the start is a large error at the end. Short pieces that start from the measured pose keep the
-comparison about causes (multiple shooting, Bock and Plitt 1984).
+comparison about causes (multiple shooting, Bock and Plitt 1984). What a contact does hangs on surfaces that nobody
+has measured, so the time in which a finger touches something says little about the finger.
 """
 
 from __future__ import annotations
@@ -14,46 +15,98 @@ import numpy as np
 
 from twin_daemon.simulation.alignment import Aligned
 
-_LEAST_S = 2.5
+_LEAST_S = 1.2
+_MOST_S = 3.0
 _QUIET_RAD_S = 0.03
 _QUIET_S = 0.12
 _UNSCORED_S = 0.1  # what effects with a memory need to find their state after a start
+_BEFORE_CONTACT_S = 0.03
+_AFTER_CONTACT_S = 0.15
+_LOOK_FOR_REST_S = 1.0
 
 
-def segments(aligned: Aligned, joints: Sequence[str]) -> list[Aligned]:
-    """The recording in pieces of 2.5 s or more that start where all the given joints stand still."""
+def segments(aligned: Aligned, joints: Sequence[str], touching: np.ndarray | None = None) -> list[Aligned]:
+    """The recording in pieces of 1.2 to 4.2 s that start where the given joints stand still, or are slowest.
+
+    With `touching` (n,) bool the samples at which they touch something are left out, and some time around them.
+    """
     columns = [aligned.joints.index(joint) for joint in joints]
     time_s, position = aligned.time_s, aligned.measured[:, columns]
-    period = float(np.median(np.diff(time_s)))
-    width = max(2, round(_QUIET_S / period))
-    cuts = [0]
-    for index in range(width, len(time_s) - width):
-        if time_s[index] - time_s[cuts[-1]] < _LEAST_S:
+    width = max(2, round(_QUIET_S / float(np.median(np.diff(time_s)))))
+    spans = [(0, len(time_s))] if touching is None or not touching.any() else _free(time_s, touching)
+    pieces = []
+    for start, stop in spans:
+        first = start if start == 0 else _calmest(time_s, position, (start, stop), _LOOK_FOR_REST_S, width)
+        if stop - start < len(time_s) and time_s[stop - 1] - time_s[first] < _LEAST_S:
             continue
-        if time_s[-1] - time_s[index] < _LEAST_S:
-            break
-        around = position[index - width : index + 1]
-        if np.isfinite(around).all() and np.ptp(around, axis=0).max() < _QUIET_RAD_S * _QUIET_S + 3e-3:
-            cuts.append(index)
-    return [_piece(aligned, start, stop) for start, stop in zip(cuts, [*cuts[1:], len(time_s)], strict=True)]
+        cuts = [first]
+        while time_s[stop - 1] - time_s[cuts[-1]] > _LEAST_S + _MOST_S:
+            earliest = int(np.searchsorted(time_s, time_s[cuts[-1]] + _LEAST_S))
+            cuts.append(_calmest(time_s, position, (earliest, stop), _MOST_S - _LEAST_S, width))
+        pieces += [_piece(aligned, a, b, width) for a, b in zip(cuts, [*cuts[1:], stop], strict=True)]
+    return pieces
 
 
-def _piece(aligned: Aligned, start: int, stop: int) -> Aligned:
+def length_s(pieces: Sequence[Aligned]) -> float:
+    """Time covered by all pieces."""
+    return float(sum(piece.time_s[-1] for piece in pieces))
+
+
+def _free(time_s: np.ndarray, touching: np.ndarray) -> list[tuple[int, int]]:
+    """[start, stop) of the runs of samples that are clear of every contact."""
+    blocked = np.zeros(len(time_s), bool)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], touching, [False]]).astype(int)))
+    for begin, end in edges.reshape(-1, 2):
+        near = (time_s >= time_s[begin] - _BEFORE_CONTACT_S) & (time_s <= time_s[end - 1] + _AFTER_CONTACT_S)
+        blocked |= near
+    free = np.flatnonzero(np.diff(np.concatenate([[False], ~blocked, [False]]).astype(int)))
+    return [(int(a), int(b)) for a, b in free.reshape(-1, 2)]
+
+
+def _calmest(time_s: np.ndarray, position: np.ndarray, span: tuple[int, int], within_s: float, width: int) -> int:
+    """The sample of a span's first seconds around which the joints move least: the first at which they stand still."""
+    start, stop = span
+    last = int(np.searchsorted(time_s, time_s[start] + within_s))
+    candidates = range(min(start + width, stop - 1), max(min(last, stop), min(start + width, stop - 1) + 1))
+    spreads = np.array([_spread(position[index - width : index + 1]) for index in candidates])
+    still = np.flatnonzero(spreads < _QUIET_RAD_S * _QUIET_S + 3e-3)
+    return candidates[int(still[0] if still.size else np.argmin(spreads))]
+
+
+def _spread(window: np.ndarray) -> float:
+    """rad: the largest travel of any joint within some samples; infinite where one is missing."""
+    return float(np.ptp(window, axis=0).max()) if np.isfinite(window).all() else float("inf")
+
+
+def _piece(aligned: Aligned, start: int, stop: int, width: int) -> Aligned:
     begin = float(aligned.time_s[start])
     time_s = aligned.time_s[start:stop] - begin
     if start == 0:
         return replace(aligned, time_s=time_s, measured=aligned.measured[:stop])
     measured = aligned.measured[start:stop].copy()
-    around = aligned.measured[max(0, start - 4) : start + 1]
-    known = np.isfinite(around).any(axis=0)
-    pose = np.full(measured.shape[1], np.nan)
-    pose[known] = np.nanmean(around[:, known], axis=0)
     measured[time_s < _UNSCORED_S] = np.nan
+    pose, speed = _state(aligned.time_s - begin, aligned.measured, start, width)
     return replace(
         aligned,
         time_s=time_s,
         measured=measured,
         onset_s=aligned.onset_s - begin,
         start_position=pose,
-        start_velocity=np.zeros(len(pose)),
+        start_velocity=speed,
     )
+
+
+def _state(time_s: np.ndarray, measured: np.ndarray, index: int, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """((j,) rad, (j,) rad/s) of all joints at a sample, from the straight line through those around it."""
+    half = max(2, width // 3)
+    window = slice(max(0, index - half), index + half + 1)
+    pose, speed = np.full(measured.shape[1], np.nan), np.zeros(measured.shape[1])
+    for joint, column in enumerate(measured[window].T):
+        known = np.isfinite(column)
+        if known.sum() >= 4:
+            slope, at = np.polyfit(time_s[window][known], column[known], 1)
+            still = abs(slope) < _QUIET_RAD_S
+            pose[joint], speed[joint] = (column[known].mean(), 0.0) if still else (at, slope)
+        elif known.any():
+            pose[joint] = column[known].mean()
+    return pose, speed

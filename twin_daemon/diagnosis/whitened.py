@@ -10,11 +10,13 @@ from twin_daemon.comparison.noise import noise_variance
 from twin_daemon.diagnosis.nuisances import OFFSET_SIGMA_RAD
 from twin_daemon.fitting.knobs import Knob
 from twin_daemon.fitting.problem import Problem
-from twin_daemon.simulation.alignment import Aligned, predict
+from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
 
 MODEL_FLOOR_RAD = 6e-4
 """What a right model still leaves even after the time step's error is taken out."""
+
+_FINER = 4.0
 
 CORRELATION_S = 0.08
 """Over this time the residual of a right model repeats itself: that many samples count as one."""
@@ -46,22 +48,37 @@ class WhitenedProblem(Problem):
         *,
         offset_held: Collection[str] = (),
         corrections: Sequence[np.ndarray] | None = None,
+        threads: int | None = 1,
     ) -> None:
-        super().__init__(twin, recordings, knobs, objective)
-        self._corrections = corrections
-        self.prior_weight = 1.0
+        super().__init__(twin, recordings, knobs, objective, threads=threads)
+        self.corrections: Sequence[np.ndarray] = list(corrections or ())
+        self._boxes = np.array([k.low for k in knobs]), np.array([k.high - k.low for k in knobs])
+        believed = [k for k in knobs if k.prior is not None]
+        self._priors = np.array([[_counts(k, other) for other in knobs] for k in believed], float)
+        self._priors = self._priors.reshape(len(believed), len(knobs))
+        self._means = np.array([k.prior.mean for k in believed if k.prior])
+        self._sigmas = np.array([k.prior.sigma for k in believed if k.prior])
         self.floor = floor
         periods = [float(np.median(np.diff(r.time_s))) for r in recordings]
         self._tau = [max(1.0, CORRELATION_S / period) for period in periods]
+        self._offset_held = offset_held
         self._free_offset = np.array([joint not in offset_held for joint in objective])
+
+    def _controls(self, recording: Aligned, grid: np.ndarray, onset_s: float) -> np.ndarray:
+        return recording.controls(self.twin, grid, onset_s, mean_over_s=float(self.twin.model.opt.timestep))
 
     def joint_residuals(self, points: np.ndarray) -> list[np.ndarray]:
         """Measured minus predicted (B, n, k) rad, the nominal model's time-step error taken out."""
         residuals = super().joint_residuals(points)
-        if self._corrections is None:
+        if not self.corrections:
             return residuals
-        zipped = zip(residuals, self._corrections, self._known, strict=True)
+        zipped = zip(residuals, self.corrections, self._known, strict=True)
         return [r - np.where(known, c, 0.0)[None] for r, c, known in zipped]
+
+    @property
+    def correlation(self) -> float:
+        """How many samples of a residual count as one."""
+        return float(np.mean(self._tau))
 
     @property
     def effective_samples(self) -> float:
@@ -92,16 +109,55 @@ class WhitenedProblem(Problem):
         data = (rows**2).sum(axis=1) - (prior**2).sum(axis=1)
         return data / self.effective_samples
 
+    def corrected(self, corrections: Sequence[np.ndarray]) -> WhitenedProblem:
+        """The same problem with other corrections."""
+        return self.over(self.recordings, self.knobs, corrections)
 
-def step_corrections(twin: TwinModel, recordings: Sequence[Aligned], joints: Sequence[str]) -> list[np.ndarray]:
-    """(n, k) rad a recording: what the model moves at a quarter of its time step beyond what it moves at its own.
+    def over(
+        self, recordings: Sequence[Aligned], knobs: Sequence[Knob], corrections: Sequence[np.ndarray]
+    ) -> WhitenedProblem:
+        """The same problem over other recordings."""
+        return WhitenedProblem(
+            self.twin,
+            recordings,
+            knobs,
+            self.objective,
+            self.floor,
+            offset_held=self._offset_held,
+            corrections=corrections,
+            threads=self.threads,
+        )
 
-    Candidates are tried at the model's own step, which is off by more than the sensors' noise where steps are
-    commanded. To first order the error is the same with and without a small effect, so it is computed once.
-    """
-    columns = [twin.joints.index(joint) for joint in joints]
-    fine = twin.at_step(float(twin.model.opt.timestep) / 4.0)
-    return [(predict(fine, r) - predict(twin, r))[:, columns] for r in recordings]
+    def prior_residuals(self, points: np.ndarray) -> np.ndarray:
+        """(B, q) how many sigma each parameter is from its prior; factors on one parameter count together."""
+        low, span = self._boxes
+        return ((low + points * span) @ self._priors.T - self._means) / self._sigmas
+
+    def prior_slopes(self) -> np.ndarray:
+        """(q, p) derivative of the priors' rows by the points."""
+        return self._priors * self._boxes[1] / self._sigmas[:, None]
+
+    def strains(self, point: np.ndarray) -> dict[str, float]:
+        """How many sigma each nuisance is from its prior, by name."""
+        names = [k.name for k in self.knobs if k.prior is not None]
+        return dict(zip(names, map(float, self.prior_residuals(point[None])[0]), strict=True))
+
+    def step_errors(self, point: np.ndarray) -> list[np.ndarray]:
+        """(n, k) rad a recording: how a point (p,) moves at a quarter of the time step, less how it moves at its own.
+
+        Candidates are tried at the model's own step, which is off by more than the sensors' noise where steps are
+        commanded. To first order the error is the same nearby, so it is computed once and taken out (`corrections`).
+        """
+        step_s = float(self.twin.model.opt.timestep)
+        fine = WhitenedProblem(
+            self.twin.at_step(step_s / _FINER), self.recordings, self.knobs, self.objective, self.floor, threads=1
+        )
+        return [f[0] - c[0] for f, c in zip(fine.predict(point[None]), self.predict(point[None]), strict=True)]
+
+
+def _counts(knob: Knob, other: Knob) -> bool:
+    """Whether another knob turns the parameter that a knob's prior is about: the first that it writes."""
+    return other is knob or (knob.mode == "scale" and other.mode == "scale" and knob.writes[0] in other.writes)
 
 
 def block_gain(before: np.ndarray, after: np.ndarray, block: int, seed: int, draws: int = 400) -> tuple[float, float]:

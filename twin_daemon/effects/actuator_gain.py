@@ -5,16 +5,25 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
 
 
 class ActuatorGain(Effect):
-    """One factor on everything that the servo answers with: its gain and its bias together."""
+    """A factor on the servo's gain and bias together, and one on its torque limit where it has one.
+
+    A setting of the controller changes the gain alone; a motor that lost magnetisation, or a supply that sags, takes
+    the limit along.
+    """
 
     key = "actuator_gain"
     title = "a weaker (or stronger) servo"
     acts_on = "actuator"
-    parameters = (Parameter("factor", "1", 0.01, 100.0, 1.0, 0.6, "servo torque over the model's", log=True),)
+    parameters = (
+        Parameter("factor", "1", 0.01, 100.0, 1.0, 0.6, "servo torque over the model's", log=True),
+        Parameter("limit", "1", 0.01, 100.0, 1.0, 1.0, "the servo's torque limit over the model's", log=True),
+    )
     story = Story(
         what="The servo answers an error with less (or more) torque than it should.",
         shows="More sag under load, more error at rest from friction, more lag; all by one factor.",
@@ -22,12 +31,16 @@ class ActuatorGain(Effect):
         remedy="Check the controller's gains and the supply; compare the motor with its neighbour.",
         excitation="holds under load and steps, at two speeds",
     )
+    amplitudes = ("factor", "limit")
+    contains = ("actuator_saturation",)
     confusable = ("viscous_friction", "spring", "actuator_saturation", "tendon_elasticity", "payload")
 
     def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:
         actuator = spec.actuator(place.actuator)
         actuator.gainprm = actuator.gainprm * values["factor"]
         actuator.biasprm = actuator.biasprm * values["factor"]
+        actuator.forcerange = np.asarray(actuator.forcerange) * values["limit"]
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
-        return tuple({"factor": factor} for factor in (0.7, 0.35, 1.5))
+        alike = tuple({"factor": factor, "limit": factor} for factor in (0.7, 0.35, 1.5))
+        return (*alike, {"factor": 0.7, "limit": 1.0}, {"factor": 0.35, "limit": 1.0})

@@ -31,4 +31,4 @@ class Armature(Effect):
         add_to_linear(spec.joint(place.joint), "armature", values["armature"], place)
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
-        return tuple({"armature": factor * scale.inertia} for factor in (0.5, 3.0))
+        return tuple({"armature": factor * scale.inertia} for factor in (0.5, 3.0, 10.0))

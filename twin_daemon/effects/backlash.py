@@ -10,7 +10,7 @@ import numpy as np
 
 from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
 from twin_daemon.effects.edits import servo_stiffness
-from twin_daemon.effects.transmission import implicit_spring, motor_side
+from twin_daemon.effects.transmission import MOTOR_SHARE, implicit_spring, motor_side
 
 _STIFF = 1000.0  # the ends of the gap over the servo
 _LOSS_STEPS = 5.0  # damping over stiffness at these ends, in time steps: they meet without rebound
@@ -27,7 +27,10 @@ class Backlash(Effect):
     key = "backlash"
     title = "play in the transmission"
     acts_on = "actuator"
-    parameters = (Parameter("gap", "rad", 0.0, 1.0, 0.0, 0.06, "angle that the motor turns at a reversal for nothing"),)
+    parameters = (
+        Parameter("gap", "rad", 0.0, 1.0, 0.0, 0.06, "angle that the motor turns at a reversal for nothing"),
+        MOTOR_SHARE,
+    )
     story = Story(
         what="At a reversal the motor turns through a gap before it takes the joint along.",
         shows="The joint stays where it is at reversals, then follows with a constant shift that changes sign.",
@@ -38,7 +41,7 @@ class Backlash(Effect):
     confusable = ("coulomb_friction", "hysteresis", "tendon_elasticity", "sensor_offset")
 
     def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:
-        link = motor_side(spec, place)
+        link = motor_side(spec, place, values["motor_share"])
         tie = spec.equality(link.tendon)
         if tie is None:
             stiffness = _STIFF * servo_stiffness(spec, place)
@@ -57,4 +60,4 @@ class Backlash(Effect):
         tendon.solref_limit, tendon.solimp_limit = solref, solimp
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
-        return tuple({"gap": gap} for gap in (0.02, 0.06, 0.2))
+        return tuple({"gap": gap, "motor_share": 0.2} for gap in (0.02, 0.06, 0.2))

@@ -121,6 +121,8 @@ class Effect(ABC):
     story: ClassVar[Story]
     confusable: ClassVar[tuple[str, ...]] = ()
     contains: ClassVar[tuple[str, ...]] = ()
+    amplitudes: ClassVar[tuple[str, ...]] = ()
+    """The parameters that say whether the effect is there at all; the first one where none is named."""
 
     def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:  # noqa: B027
         """Writes the effect into the MjSpec. Effects of the sensor leave the model as it is."""
@@ -158,6 +160,11 @@ class Effect(ABC):
                     allowed=f"{parameter.lower:g} to {parameter.upper:g} {parameter.unit}",
                 )
         return {name: float(values.get(name, parameter.default)) for name, parameter in known.items()}
+
+    def clipped(self, values: Mapping[str, float]) -> dict[str, float]:
+        """The values within physics: starts are scaled to the place, and a strong servo scales far."""
+        known = {parameter.name: parameter for parameter in self.parameters}
+        return {name: float(min(max(v, known[name].lower), known[name].upper)) for name, v in values.items()}
 
     def neutral(self) -> dict[str, float]:
         """The values at which the effect changes nothing."""

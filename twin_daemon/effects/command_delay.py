@@ -38,4 +38,4 @@ class CommandDelay(Effect):
         actuator.delay = values["delay"]
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
-        return tuple({"delay": delay} for delay in (0.008, 0.03, 0.1))
+        return tuple({"delay": delay} for delay in (0.008, 0.03, 0.07, 0.15))

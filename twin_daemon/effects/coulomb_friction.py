@@ -5,18 +5,29 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import mujoco
+import numpy as np
+
 from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
-from twin_daemon.effects.edits import add_to_linear
+from twin_daemon.effects.edits import add_passive_motor, add_to_linear, servo_stiffness, stable_stiffness
+
+_FLOOR = 1e-9  # N m: the law divides by its torque
 
 
 class CoulombFriction(Effect):
-    """Dry friction as `frictionloss`, a constraint with true sticking (MuJoCo manual, joint frictionloss)."""
+    """Dry friction of one size: a stiff bristle (Dahl 1968) that holds at rest, or MuJoCo's own `frictionloss`.
+
+    `frictionloss` is a soft constraint: under a load below its limit it creeps, with the model's default softness
+    within a few tenths of a second back to where the servo wants it. Real dry friction stays. Less friction than the
+    model has can only be taken from its `frictionloss`.
+    """
 
     key = "coulomb_friction"
     title = "more (or less) dry friction"
     acts_on = "joint"
     parameters = (
         Parameter("friction", "N m", -5.0, 5.0, 0.0, 0.05, "dry friction beside the model's own; below 0 it has less"),
+        Parameter("sticking", "1", 0.0, 1.0, 1.0, 1.0, "part of it that holds for ever; the rest creeps at rest"),
     )
     story = Story(
         what="A torque against the motion that does not depend on speed; at rest it holds.",
@@ -28,8 +39,17 @@ class CoulombFriction(Effect):
     confusable = ("stribeck_friction", "load_friction", "hysteresis", "backlash", "viscous_friction")
 
     def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:
-        add_to_linear(spec.joint(place.joint), "frictionloss", values["friction"], place)
+        friction = values["friction"]
+        holds = values["sticking"] * max(friction, 0.0)
+        add_to_linear(spec.joint(place.joint), "frictionloss", friction - holds, place)
+        # always there, so that all values share one layout of the model
+        stiffness = min(40.0 * servo_stiffness(spec, place), stable_stiffness(spec, place))
+        motor = add_passive_motor(spec, f"{place.joint}_coulomb", mujoco.mjtTrn.mjTRN_JOINT, place.joint)
+        motor.biasprm = np.array([0, 0, 0, holds + _FLOOR, holds + _FLOOR, 1.0, 0, 0, 0, 0])
+        motor.dynprm = np.array([0, 0, 0, 0, 0, stiffness, 0, 0, 0, 0])
+        motor.actdim = 1
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
         own, strong = scale.frictionloss, 0.01 * scale.kp
-        return ({"friction": 0.5 * strong}, {"friction": 2.0 * strong}, {"friction": -0.7 * own})
+        more = tuple({"friction": factor * strong, "sticking": 1.0} for factor in (0.5, 2.0, 5.0))
+        return (*more, {"friction": strong, "sticking": 0.0}, {"friction": -0.7 * own, "sticking": 0.0})

@@ -5,21 +5,23 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
-from twin_daemon.effects.edits import add_joint_tendon, add_to_linear, servo_stiffness
+from twin_daemon.effects.edits import add_joint_tendon, add_to_linear
 
 _SLACK = 1e-8  # N m/rad: the weakest spring that can still hold a preload
-_CLEARANCE = 1e-3  # rad: the joint's own soft end gives way by less, so that a stop at 0 is not felt
 _FAR = 10.0
+_CLEAR = 1.0  # rad: so far off is the joint's own end, where another limit stands in for it
 
 
 class Coupling(Effect):
     """The tendon sets the sum; who moves first is decided by what resists at either joint.
 
-    Springs, preload and stops that move with the other joint are fixed tendons, friction is `frictionloss`.
-    The distal joint (J1) is the one whose body hangs on the other's. Stops are springs of five times the servo.
+    Springs and preload are fixed tendons, friction is `frictionloss`. The end of the proximal joint and the rest of
+    the distal one move with the other joint: limits of fixed tendons with the joints' own softness, in place of the
+    joints' own limits. The distal joint (J1) is the one whose body hangs on the other's.
     """
 
     key = "coupling"
@@ -31,7 +33,7 @@ class Coupling(Effect):
         Parameter("spring_proximal", "N m/rad", 0.0, 5.0, 0.0, 0.055, "spring that opens the proximal joint"),
         Parameter("friction_distal", "N m", 0.0, 2.0, 0.0, 0.03, "dry friction of the distal joint beside the model's"),
         Parameter("friction_tendon", "N m", 0.0, 2.0, 0.0, 0.08, "dry friction along the tendon"),
-        Parameter("stop", "rad", 0.5, 3.0, 3.0, 1.52, "end of the proximal joint while the distal one is open"),
+        Parameter("stop", "rad", -0.5, 0.5, 0.0, 0.05, "how much later than in the model the proximal joint ends"),
         Parameter("stop_slope", "1", -0.5, 0.5, 0.0, 0.03, "how far that end moves by radian of the distal joint"),
         Parameter("rest_slope", "1", 0.0, 0.5, 0.0, 0.025, "how far the proximal joint takes the distal one along"),
     )
@@ -58,30 +60,22 @@ class Coupling(Effect):
         )
         add_to_linear(spec.joint(distal), "frictionloss", values["friction_distal"], place)
         add_to_linear(spec.tendon(place.tendon), "frictionloss", values["friction_tendon"], place)
-        stop = 5.0 * servo_stiffness(spec, place)
-        add_joint_tendon(
-            spec,
-            f"{proximal}_end",
-            {proximal: 1.0, distal: -values["stop_slope"]},
-            stiffness=stop,
-            rest=(-_FAR, values["stop"]),
-        )
-        end = spec.joint(distal).range
-        open_angle = end[0] if end[0] < end[1] else -_FAR
-        add_joint_tendon(
-            spec,
-            f"{distal}_rest",
-            {distal: 1.0, proximal: -values["rest_slope"]},
-            stiffness=stop,
-            rest=(open_angle - _CLEARANCE, _FAR),
-        )
+        end, rest = spec.joint(proximal), spec.joint(distal)
+        last, first = float(end.range[1]), float(rest.range[0])
+        if end.range[0] < end.range[1]:
+            moved = {proximal: 1.0, distal: -values["stop_slope"]}
+            _limit(spec, f"{proximal}_end", moved, (-_FAR, last + values["stop"]), end)
+            end.range = np.array([end.range[0], last + _CLEAR])
+        if rest.range[0] < rest.range[1]:
+            _limit(spec, f"{distal}_rest", {distal: 1.0, proximal: -values["rest_slope"]}, (first, _FAR), rest)
+            rest.range = np.array([first - _CLEAR, rest.range[1]])
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
         unit = scale.kp / 10.0
         calm = self.neutral()
         springs = {"preload": 0.12 * unit, "spring_distal": 0.035 * unit, "spring_proximal": 0.055 * unit}
         friction = {"friction_distal": 0.03 * unit, "friction_tendon": 0.08 * unit}
-        stops = {"stop": float(np.clip(0.5 * scale.upper - 0.03, 0.5, 3.0)), "stop_slope": 0.03, "rest_slope": 0.025}
+        stops = {"stop": 0.06, "stop_slope": 0.03, "rest_slope": 0.025}
         return (
             {**calm, **springs},
             {**calm, **springs, **friction},
@@ -89,6 +83,14 @@ class Coupling(Effect):
             {**calm, "preload": 0.4 * unit},
             {**calm, "preload": -0.12 * unit, "spring_proximal": 0.05 * unit},
         )
+
+
+def _limit(spec: Any, name: str, joints: Mapping[str, float], limits: tuple[float, float], like: Any) -> None:
+    """A limit on a sum of joints that gives way as a joint's own does."""
+    tendon = add_joint_tendon(spec, name, joints, rest=(-_FAR, _FAR))
+    tendon.limited = mujoco.mjtLimited.mjLIMITED_TRUE
+    tendon.range = np.array(limits)
+    tendon.solref_limit, tendon.solimp_limit, tendon.margin = like.solref_limit, like.solimp_limit, like.margin
 
 
 def proximal_and_distal(spec: Any, place: Place) -> tuple[str, str]:

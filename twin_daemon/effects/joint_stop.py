@@ -18,7 +18,7 @@ class JointStop(Effect):
     title = "an early or soft stop"
     acts_on = "joint"
     parameters = (
-        Parameter("stiffness", "N m/rad", 0.0, 100.0, 0.0, 10.0, "stiffness of the stops; at 0 there are none"),
+        Parameter("stiffness", "N m/rad", 0.0, 1000.0, 0.0, 10.0, "stiffness of the stops; at 0 there are none"),
         Parameter("upper", "rad", -0.5, 3.0, 0.0, 0.8, "where it begins, this much before the upper end"),
         Parameter("lower", "rad", -0.5, 3.0, 0.0, 0.0, "where it begins, this much after the lower end"),
     )

@@ -39,7 +39,7 @@ class StribeckFriction(Effect):
     contains = ("coulomb_friction",)
 
     def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:
-        stiffness = min(10.0 * servo_stiffness(spec, place), stable_stiffness(spec, place))
+        stiffness = min(40.0 * servo_stiffness(spec, place), stable_stiffness(spec, place))
         motor = add_passive_motor(spec, f"{place.joint}_stribeck", mujoco.mjtTrn.mjTRN_JOINT, place.joint)
         motor.biasprm = np.array([0, 0, 0, _FLOOR, _FLOOR + values["breakaway"], values["velocity"], *np.zeros(4)])
         motor.dynprm = np.array([0, 0, 0, 0, 0, stiffness, 0, 0, 0, 0], float)
@@ -47,4 +47,4 @@ class StribeckFriction(Effect):
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
         weak = 0.005 * scale.kp
-        return tuple({"breakaway": b, "velocity": v} for b in (weak, 4.0 * weak) for v in (0.03, 0.3))
+        return tuple({"breakaway": b * weak, "velocity": v} for b in (1.0, 4.0, 8.0) for v in (0.06, 0.35))

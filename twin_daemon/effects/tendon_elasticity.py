@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 
 from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
-from twin_daemon.effects.transmission import implicit_spring, motor_side
+from twin_daemon.effects.transmission import MOTOR_SHARE, implicit_spring, motor_side
 
 _RIGID = 1e5
 _LOSS_S = 0.002  # damping over stiffness of the material
@@ -22,6 +22,7 @@ class TendonElasticity(Effect):
     acts_on = "actuator"
     parameters = (
         Parameter("stiffness", "N m/rad", 0.1, _RIGID, _RIGID, 20.0, "stiffness between motor and joint", log=True),
+        MOTOR_SHARE,
     )
     story = Story(
         what="The servo holds the motor, and between motor and joint something stretches.",
@@ -33,7 +34,7 @@ class TendonElasticity(Effect):
     confusable = ("actuator_gain", "backlash", "viscous_friction", "payload", "spring")
 
     def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:
-        link = motor_side(spec, place)
+        link = motor_side(spec, place, values["motor_share"])
         stiffness = values["stiffness"]
         solref, solimp = implicit_spring(spec, link.tendon, stiffness, _LOSS_S * stiffness)
         tie = spec.add_equality(name=link.tendon, type=mujoco.mjtEq.mjEQ_TENDON, name1=link.tendon)
@@ -41,4 +42,4 @@ class TendonElasticity(Effect):
         tie.solref, tie.solimp = solref, solimp
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
-        return tuple({"stiffness": factor * scale.kp} for factor in (0.5, 2.0, 8.0))
+        return tuple({"stiffness": factor * scale.kp, "motor_share": 0.5} for factor in (0.5, 2.0, 8.0))

@@ -4,7 +4,7 @@ The link is a constraint on a fixed tendon `motor - driven`, whose reference acc
 that MuJoCo's solver computes one implicit Euler step of a spring and damper. Such a link has the stiffness it is
 given, in N m/rad, and is stable at any stiffness and time step, which a spring of the same stiffness is not.
 
-Half of the joint's armature and damping moves to the motor, so that the whole is what it was. Where the motor
+A share of the joint's armature and damping moves to the motor, so that the whole is what it was. Where the motor
 drives the sum of two joints, their difference gets as much on a tendon of its own, for the same reason.
 """
 
@@ -16,10 +16,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from twin_daemon.effects.base import Place, link_tendon, motor_joint
+from twin_daemon.effects.base import Parameter, Place, link_tendon, motor_joint
 from twin_daemon.effects.edits import linear
 
-_SHARE = 0.5  # of armature and damping that moves to the motor
 _SMALLEST = 1e-6  # kg m2: a motor with less would not be a body to MuJoCo
 
 
@@ -39,15 +38,23 @@ def pulled_joints(spec: Any, actuator: Any) -> dict[str, float]:
     return {actuator.target: 1.0}
 
 
-def motor_side(spec: Any, place: Place) -> Link:
-    """Gives the actuator a motor of its own, once. The link is a bare tendon: the caller makes it hold."""
+MOTOR_SHARE = Parameter(
+    "motor_share", "1", 0.02, 0.9, 0.5, 0.5, "part of armature and damping on the motor's side", log=True
+)
+
+
+def motor_side(spec: Any, place: Place, share: float) -> Link:
+    """Gives the actuator a motor of its own, once. The link is a bare tendon: the caller makes it hold.
+
+    `share` of the joint's armature and damping becomes the motor's; the whole stays what it was.
+    """
     name = link_tendon(place)
     if spec.tendon(name) is not None:
         return Link(name, made=False)
     actuator = spec.actuator(place.actuator)
     driven = pulled_joints(spec, actuator)
     before = spec.compile()
-    damping, armature = _take_share(spec, place, before, {n: driven[n] for n in place.driven if n in driven})
+    damping, armature = _take_share(spec, place, share, before, {n: driven[n] for n in place.driven if n in driven})
     body = spec.worldbody.add_body(name=motor_joint(place))
     body.explicitinertial = True
     body.mass = _SMALLEST
@@ -71,12 +78,12 @@ def motor_side(spec: Any, place: Place) -> Link:
     return Link(name, made=True)
 
 
-def _take_share(spec: Any, place: Place, model: Any, driven: dict[str, float]) -> tuple[float, float]:
+def _take_share(spec: Any, place: Place, part: float, model: Any, driven: dict[str, float]) -> tuple[float, float]:
     """(damping, armature) for the motor, taken from the joints so that motor and joints together have what was."""
     joints = [spec.joint(name) for name in driven]
     if len(joints) == 1:
         joint, size = joints[0], next(iter(driven.values()))
-        armature = _SHARE * linear(joint, "armature")
+        armature = part * linear(joint, "armature")
         # as much damping by inertia on either side: neither is faster than the other in an implicit step
         damping = linear(joint, "damping") * armature / float(model.dof_M0[_dof(model, joint.name)])
         _subtract(joint, "damping", damping)
@@ -94,7 +101,7 @@ def _take_share(spec: Any, place: Place, model: Any, driven: dict[str, float]) -
     difference.wrap_joint(second, -other / size)
     shares = []
     for attribute in ("damping", "armature"):
-        share = 0.5 * _SHARE * min(linear(joint, attribute) for joint in joints)
+        share = 0.5 * part * min(linear(joint, attribute) for joint in joints)
         for joint in joints:
             _subtract(joint, attribute, 2.0 * share)
         shares.append(share)

@@ -13,10 +13,11 @@ from twin_daemon.effects.base import Measurement
 from twin_daemon.fitting.knobs import Knob
 from twin_daemon.simulation.alignment import Aligned, resample
 from twin_daemon.simulation.parameters import KINDS
-from twin_daemon.simulation.rollout import roll_out
+from twin_daemon.simulation.rollout import remembers, roll_out
 from twin_daemon.simulation.terms import EffectTerm, Terms
 from twin_daemon.simulation.twin import TwinModel
 
+_PAST_S = 1.0  # of commands before a roll-out, for delays and filters
 _DIVERGED_RAD = 10.0  # what a simulation that left the finite numbers counts as
 
 
@@ -102,7 +103,8 @@ class Problem:
         for knob, value in zip(self.knobs, self.values(unit), strict=True):
             for kind, *where in knob.writes:
                 if kind == "parameter":
-                    scale = self._scales[where[0]] if knob.mode == "scale" else 1.0
+                    # factors on one parameter multiply
+                    scale = parameters.get(where[0], self._scales[where[0]]) if knob.mode == "scale" else 1.0
                     parameters[where[0]] = float(value * scale)
                 elif kind == "effect":
                     key, _, target = where[0].partition(":")
@@ -126,17 +128,30 @@ class Problem:
         for index, recording in enumerate(self.recordings):
             onsets = [c.onsets_s[index] for c in candidates]
             grid = self._grids[index] * step_s
-            distinct = {onset: recording.controls(self.twin, grid, onset) for onset in dict.fromkeys(onsets)}
+            past = -np.arange(round(_PAST_S / step_s), 0, -1) * step_s if remembers(candidates[0].model) else grid[:0]
+            whole = np.concatenate([past, grid])
+            distinct = {onset: self._controls(recording, whole, onset) for onset in dict.fromkeys(onsets)}
             if len(distinct) == 1:
                 controls = next(iter(distinct.values()))[None]
             else:
                 controls = np.stack([distinct[onset] for onset in onsets])
             qpos, qvel = self._starts[index]
-            positions = roll_out([c.model for c in candidates], controls, qpos[None], qvel[None], threads=self.threads)
+            positions = roll_out(
+                [c.model for c in candidates],
+                controls[:, len(past) :],
+                qpos[None],
+                qvel[None],
+                before=controls[:, : len(past)] if len(past) else None,
+                threads=self.threads,
+            )
             sampled = resample(positions[:, :, self.twin.qpos_adr], step_s, recording.time_s)
             read = [c.measurement.apply(self.twin.joints, s) for c, s in zip(candidates, sampled, strict=True)]
             readings.append(np.stack(read)[:, :, self._columns])
         return readings
+
+    def _controls(self, recording: Aligned, grid: np.ndarray, onset_s: float) -> np.ndarray:
+        """Controls (T, nu) of a roll-out on a grid of times (T,) s."""
+        return recording.controls(self.twin, grid, onset_s)
 
     def joint_residuals(self, points: np.ndarray) -> list[np.ndarray]:
         """Measured minus predicted in rad, (B, n, k) a recording; what was not measured counts as 0."""

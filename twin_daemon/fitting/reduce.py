@@ -10,7 +10,8 @@ import numpy as np
 from twin_daemon.fitting.knobs import Knob
 from twin_daemon.fitting.problem import Problem
 from twin_daemon.simulation.alignment import Aligned
-from twin_daemon.simulation.submodel import parts, submodel, touching_parts
+from twin_daemon.simulation.contacts import touching_parts
+from twin_daemon.simulation.submodel import parts, submodel
 from twin_daemon.simulation.twin import TwinModel
 
 _CONTACT_POSES = 60

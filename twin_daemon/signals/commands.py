@@ -52,3 +52,22 @@ class CommandSignal:
             index = np.searchsorted(self.time_s, time_s + 1e-7, side="right") - 1
             return self.position[np.clip(index, 0, len(self.time_s) - 1)]
         return np.column_stack([np.interp(time_s, self.time_s, column) for column in self.position.T])
+
+    def mean(self, time_s: np.ndarray, width_s: float) -> np.ndarray:
+        """The mean of each target over `width_s` around the given times: (T,) s -> (T, k) rad.
+
+        What a simulation with this time step can know of steps that fall between its own: it moves smoothly with
+        the times, where `sample` jumps by a whole step.
+        """
+        time_s = np.asarray(time_s, float)
+        if self.interpolation != "hold":
+            return self.sample(time_s)
+        held = np.nan_to_num(self.position)
+        area = np.zeros_like(held)
+        area[1:] = np.cumsum(held[:-1] * np.diff(self.time_s)[:, None], axis=0)
+        ends = []
+        for at in (time_s + 0.5 * width_s, time_s - 0.5 * width_s):
+            index = np.clip(np.searchsorted(self.time_s, at, side="right") - 1, 0, len(self.time_s) - 1)
+            ends.append(area[index] + held[index] * (at - self.time_s[index])[:, None])
+        known = np.isfinite(self.sample(time_s - 0.5 * width_s))
+        return np.where(known, (ends[0] - ends[1]) / width_s, np.nan)

@@ -55,12 +55,18 @@ class Aligned:
     def with_onset(self, onset_s: float) -> Aligned:
         return replace(self, onset_s=float(onset_s))
 
-    def controls(self, twin: TwinModel, time_s: np.ndarray, onset_s: float | None = None) -> np.ndarray:
-        """Controls (T, nu) at the given times (T,); what is never commanded holds its measured start."""
-        onset = self.onset_s if onset_s is None else onset_s
+    def controls(
+        self, twin: TwinModel, time_s: np.ndarray, onset_s: float | None = None, *, mean_over_s: float = 0.0
+    ) -> np.ndarray:
+        """Controls (T, nu) at the given times (T,); what is never commanded holds its measured start.
+
+        With `mean_over_s` each is the mean of the command over so much time around it.
+        """
+        at = time_s - (self.onset_s if onset_s is None else onset_s)
         start = np.where(np.isfinite(self.start_position), self.start_position, 0.0)
         rest = twin.drive @ start
-        return twin.controls(self.signal.names, self.signal.sample(time_s - onset), rest)
+        targets = self.signal.mean(at, mean_over_s) if mean_over_s > 0.0 else self.signal.sample(at)
+        return twin.controls(self.signal.names, targets, rest)
 
     def start_state(self, twin: TwinModel) -> tuple[np.ndarray, np.ndarray]:
         """((nq,), (nv,)): where a roll-out starts, as true angles."""

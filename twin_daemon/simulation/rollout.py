@@ -29,13 +29,15 @@ def roll_out(
     qpos: np.ndarray,
     qvel: np.ndarray | None = None,
     *,
+    before: np.ndarray | None = None,
     threads: int | None = None,
 ) -> np.ndarray:
     """Positions of every simulation, (B, T + 1, nq), the initial state first.
 
     `models` has B models of the same sizes, or one for all. `controls` is (B or 1, T, nu): row k is applied
     during step k; actuators beyond its columns get 0. `qpos` is (B or 1, nq), `qvel` (B or 1, nv), zero where
-    not given. Delay buffers start full of the first control, as if the hand had been told so for ever. From the
+    not given. Delay buffers and filters start as `before` (B or 1, H, nu), the controls of the steps before, has left
+    them; without it as if the hand had been told the first control for ever. From the
     step at which MuJoCo warns (a state that is not finite or diverges) a simulation's positions are NaN.
     """
     count = max(len(models), len(controls), len(qpos))
@@ -56,7 +58,8 @@ def roll_out(
             runner.set_models([*picked, *[first] * (chunk - len(picked))])
         for slot, i in enumerate(chosen):
             runner.state[slot] = _initial_state(picked[slot], controls[_row(i, controls)][0], qpos[_row(i, qpos)],
-                                                None if qvel is None else qvel[_row(i, qvel)])  # fmt: skip
+                                                None if qvel is None else qvel[_row(i, qvel)],
+                                                None if before is None else before[_row(i, before)])  # fmt: skip
         runner.warning[:] = 0
         rows = controls[start : start + len(chosen)] if len(controls) > 1 else controls
         recorded = runner.rollout(steps, rows, record=("qpos", _TIME), ids=ids)
@@ -72,13 +75,22 @@ def _row(index: int, array: np.ndarray) -> int:
     return index if len(array) > 1 else 0
 
 
-def _initial_state(model: mujoco.MjModel, control: np.ndarray, qpos: np.ndarray, qvel: np.ndarray | None) -> np.ndarray:
+def _initial_state(
+    model: mujoco.MjModel,
+    control: np.ndarray,
+    qpos: np.ndarray,
+    qvel: np.ndarray | None,
+    before: np.ndarray | None,
+) -> np.ndarray:
     data = mujoco.MjData(model)
     data.qpos[:] = qpos
     if qvel is not None:
         data.qvel[:] = qvel
     data.ctrl[:] = control
     settle_actuators(model, data, control)
+    if before is not None:
+        recall_commands(model, data, before)
+    settle_bristles(model, data)
     signature = mujoco.mjtState.mjSTATE_INTEGRATION.value
     state = np.empty(mujoco.mj_stateSize(model, signature))
     mujoco.mj_getState(model, data, state, signature)
@@ -92,14 +104,80 @@ def settle_actuators(model: mujoco.MjModel, data: mujoco.MjData, control: np.nda
         if samples:
             times = data.time + (np.arange(samples) - samples) * model.opt.timestep
             mujoco.mj_initCtrlHistory(model, data, actuator, times, np.full(samples, control[actuator]))
-        activation = int(model.actuator_actadr[actuator])
-        kind = model.actuator_dyntype[actuator]
-        ramped = kind == mujoco.mjtDyn.mjDYN_PID and model.actuator_dynprm[actuator, 1] > 0.0
-        if activation >= 0 and (kind in _FILTERS or ramped):
-            data.act[activation] = control[actuator]
+        if _follows(model, actuator):
+            data.act[model.actuator_actadr[actuator]] = control[actuator]
 
 
-_FILTERS = (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
+def remembers(model: mujoco.MjModel) -> bool:
+    """Whether any actuator's state depends on the commands before: a delay, a filter, a limit of rate."""
+    return any(model.actuator_history[a, 0] > 0 or _follows(model, a) for a in range(model.nu))
+
+
+def recall_commands(model: mujoco.MjModel, data: mujoco.MjData, before: np.ndarray) -> None:
+    """Brings delay buffers, filters and rate limits to where the commands of the steps before (H, nu) left them."""
+    step_s = float(model.opt.timestep)
+    for actuator in range(model.nu):
+        told = before[:, actuator]
+        samples = int(model.actuator_history[actuator, 0])
+        if samples:
+            padded = np.concatenate([np.full(max(samples - len(told), 0), told[0]), told])[-samples:]
+            times = data.time + (np.arange(samples) - samples) * step_s
+            mujoco.mj_initCtrlHistory(model, data, actuator, times, padded)
+            late = round(float(model.actuator_delay[actuator]) / step_s)
+            told = np.concatenate([np.full(late, told[0]), told])[: len(told)]
+        if not _follows(model, actuator):
+            continue
+        state = float(told[0])
+        if int(model.actuator_dyntype[actuator]) in _FILTERS:
+            kept = np.exp(-step_s / max(float(model.actuator_dynprm[actuator, 0]), 1e-12))
+            ages = np.arange(len(told) - 1, -1, -1)
+            state = float(state * kept ** len(told) + (1.0 - kept) * (told @ kept**ages))
+        else:
+            most = float(model.actuator_dynprm[actuator, 1]) * step_s
+            for target in told:
+                state += min(max(float(target) - state, -most), most)
+        data.act[model.actuator_actadr[actuator]] = state
+
+
+def _follows(model: mujoco.MjModel, actuator: int) -> bool:
+    """Whether an actuator has an activation that follows its command."""
+    kind = int(model.actuator_dyntype[actuator])
+    ramped = kind == int(mujoco.mjtDyn.mjDYN_PID) and model.actuator_dynprm[actuator, 1] > 0.0
+    return int(model.actuator_actadr[actuator]) >= 0 and bool(kind in _FILTERS or ramped)
+
+
+def settle_bristles(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Bends the bristles of LuGre friction as they are where a hand stands still: they hold what nothing else does.
+
+    Where it moves they are bent as far as they go. Without this every roll-out would begin with a creep.
+    """
+    bristles = [a for a in range(len(model.actuator_dyntype)) if _has_bristle(model, a)]
+    if not bristles:
+        return
+    mujoco.mj_forward(model, data)
+    net = data.qfrc_actuator + data.qfrc_passive - data.qfrc_bias
+    for actuator in bristles:
+        dof = int(model.jnt_dofadr[model.actuator_trnid[actuator, 0]])
+        stiffness, most = float(model.actuator_dynprm[actuator, 5]), float(model.actuator_biasprm[actuator, 4])
+        moving = abs(data.qvel[dof]) > _STILL_RAD_S
+        load = (
+            np.sign(data.qvel[dof]) * model.actuator_biasprm[actuator, 3] if moving else np.clip(net[dof], -most, most)
+        )
+        data.act[model.actuator_actadr[actuator]] = load / stiffness
+
+
+def _has_bristle(model: mujoco.MjModel, actuator: int) -> bool:
+    return bool(
+        model.actuator_dyntype[actuator] == mujoco.mjtDyn.mjDYN_DCMOTOR
+        and model.actuator_dynprm[actuator, 5] > 0.0
+        and model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
+        and model.actuator_actadr[actuator] >= 0
+    )
+
+
+_STILL_RAD_S = 0.05
+# as numbers: an enum of MuJoCo's is not found among others by `in`
+_FILTERS = (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT))
 
 
 def _blank_after_stop(positions: np.ndarray, time_s: np.ndarray, step_s: float) -> None:

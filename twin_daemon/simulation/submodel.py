@@ -7,7 +7,6 @@ when it moves, and is welded where it stands when it does not.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,7 +31,7 @@ def parts(twin: TwinModel) -> tuple[Part, ...]:
     """The branches of the hand: joints that share a chain or an actuator belong together."""
     model = twin.model
     bodies = {name: int(model.dof_bodyid[dof]) for name, dof in zip(twin.joints, twin.dof_adr, strict=True)}
-    ancestors = {name: set(_upwards(model, body)) for name, body in bodies.items()}
+    ancestors = {name: set(upwards(model, body)) for name, body in bodies.items()}
     above = {a: [b for b in bodies if b != a and bodies[a] in ancestors[b]] for a in bodies}
     # a trunk joint carries joints of at least two branches that do not carry each other
     forks = {a for a, carried in above.items() if _branches(carried, bodies, ancestors)}
@@ -74,32 +73,7 @@ def _branches(carried: list[str], bodies: dict[str, int], ancestors: dict[str, s
     return len({bodies[h] for h in heads}) > 1
 
 
-def touching_parts(twin: TwinModel, found: Sequence[Part], poses: np.ndarray) -> set[frozenset[str]]:
-    """Pairs of parts (by name) that touch in any of the true poses (n, j) rad; a part that touches itself or the
-    trunk comes alone."""
-    model, data = twin.base_model, mujoco.MjData(twin.base_model)
-    if not model.ngeom:
-        return set()
-    owner = {}
-    for part in found:
-        for name in part.joints:
-            owner[int(model.joint(twin.hand.description.joints[name].joint).bodyid[0])] = part.name
-    of_body = [next((owner[b] for b in _upwards(model, body) if b in owner), "trunk") for body in range(model.nbody)]
-    addresses = [int(model.joint(twin.hand.description.joints[n].joint).qposadr[0]) for n in twin.joints]
-    pairs: set[frozenset[str]] = set()
-    for pose in poses:
-        known = np.isfinite(pose)
-        data.qpos[np.array(addresses)[known]] = pose[known]
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_collision(model, data)
-        for contact in data.contact[: data.ncon]:
-            bodies = [int(model.geom_bodyid[geom]) for geom in (contact.geom1, contact.geom2)]
-            pairs.add(frozenset(of_body[body] for body in bodies))
-    return pairs
-
-
-def _upwards(model: mujoco.MjModel, body: int) -> list[int]:
+def upwards(model: mujoco.MjModel, body: int) -> list[int]:
     """A body and all that it stands on, the world last."""
     chain = [body]
     while body:

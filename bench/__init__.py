@@ -1,0 +1,1 @@
+"""Slow proof: measurements that take minutes, each made by one command."""

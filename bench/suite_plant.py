@@ -1,0 +1,39 @@
+"""One recording of one plant of the hidden suite; the answer goes into a file of its own."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+from bench.suite_cases import cases
+from twin_daemon.hand import load_hand
+from twin_daemon.plant import Plant, parse_hidden
+from twin_daemon.plant.motions import rich, slow_closing
+from twin_daemon.plant.recording import record
+
+SPREAD = 0.2
+JITTER_S = 0.0005
+
+
+def main(name: str, which: str, folder: Path) -> None:
+    """Writes `<name>-<which>.mcap` and, beside the recordings' folder, the sealed answer."""
+    case = next(case for case in cases() if case.name == name)
+    hand = load_hand()
+    plant = Plant(hand, seed=case.seed, hidden=[parse_hidden(text, hand) for text in case.hidden], spread=SPREAD)
+    held = which == "held"
+    if case.motion == "slow":
+        motion = slow_closing(hand, seconds=5.6 if held else 7.0)
+    else:
+        motion = rich(hand, case.joints, case.seconds * (0.5 if held else 1.0), case.seed + 1000 * held)
+    path = folder / f"{name}-{which}.mcap"
+    path.unlink(missing_ok=True)  # of a run that was interrupted
+    record(plant, motion, path, jitter_s=JITTER_S, seed=case.seed + 1000 * held)
+    sealed = folder / "answers"
+    sealed.mkdir(exist_ok=True)
+    answer = [{"key": h.key, "joint": h.joint, "value": h.value} for h in plant.hidden]
+    (sealed / f"{name}.json").write_text(json.dumps(answer))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], sys.argv[2], Path(sys.argv[3]))

@@ -1,0 +1,76 @@
+"""What one part of a hand is judged by: the smallest model that moves it, and the motion in which it is on its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin_daemon.diagnosis.segments import length_s, segments
+from twin_daemon.fitting.reduce import restricted
+from twin_daemon.simulation.alignment import Aligned
+from twin_daemon.simulation.contacts import touching_times
+from twin_daemon.simulation.submodel import Part, parts, submodel
+from twin_daemon.simulation.twin import TwinModel
+
+_MARGIN_M = 1e-3
+_LEAST_CLEAR_S = 2.0
+_EVERY_S = 0.02
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """One part: its own joints that are judged, its sub-model, and the pieces of both sets of recordings."""
+
+    name: str
+    joints: tuple[str, ...]
+    twin: TwinModel
+    train: tuple[Aligned, ...]
+    holdout: tuple[Aligned, ...]
+
+
+class Reduction:
+    """Cuts recordings to parts. When what touches what is looked up once, whatever terms the twin gets later."""
+
+    def __init__(self, twin: TwinModel, train: Sequence[Aligned], holdout: Sequence[Aligned]) -> None:
+        self._train, self._holdout = train, holdout
+        found = parts(twin)
+        self._touching = [_touching(twin, found, r) for r in (*train, *holdout)]
+        self.moving = [n for i, n in enumerate(twin.joints) if any(r.moving[i] for r in train)]
+
+    def of(self, twin: TwinModel, part: Part, joints: Sequence[str]) -> Reduced | None:
+        """The part with its moving trunk, over the motion in which it touches nothing; None where that is too short.
+
+        What a contact does hangs on surfaces and shapes that no model of a hand has right, so that it says little
+        about the part.
+        """
+        keep = {*joints, *(set(self.moving) & set(part.trunk))}
+        for row in twin.drive:
+            coupled = {twin.joints[j] for j in np.flatnonzero(row)}
+            if coupled & keep:
+                keep |= coupled
+        ordered = tuple(n for n in twin.joints if n in keep)
+        small = submodel(twin, ordered, self._train[0].start_position)
+        pieces = [
+            segments(restricted(r, small.joints), joints, masks.get(part.name))
+            for r, masks in zip((*self._train, *self._holdout), self._touching, strict=True)
+        ]
+        count = len(self._train)
+        train = tuple(p for found in pieces[:count] for p in found)
+        holdout = tuple(p for found in pieces[count:] for p in found)
+        enough_held = not self._holdout or length_s(holdout) > 0.5 * _LEAST_CLEAR_S
+        clear = length_s(train) > _LEAST_CLEAR_S and enough_held
+        return Reduced(part.name, tuple(joints), small, train, holdout) if clear else None
+
+
+def _poses(twin: TwinModel, recording: Aligned) -> np.ndarray:
+    return twin.measurement.invert(twin.joints, recording.measured)
+
+
+def _touching(twin: TwinModel, found: Sequence[Part], recording: Aligned) -> Mapping[str, np.ndarray]:
+    """(n,) bool by part. The trunk is left out: what its branches do to each other does not move it."""
+    stride = max(1, round(_EVERY_S / float(np.median(np.diff(recording.time_s)))))
+    masks = touching_times(twin, found, _poses(twin, recording)[::stride], _MARGIN_M)
+    count = len(recording.time_s)
+    return {name: np.repeat(mask, stride)[:count] for name, mask in masks.items() if name != "trunk"}

@@ -1,0 +1,206 @@
+"""Which candidates are worth a fit: looked at quickly, on the motion where the model fails most."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from twin_daemon.diagnosis.candidates import Hypothesis
+from twin_daemon.diagnosis.descent import Derivative, descend, differenced, one_step
+from twin_daemon.diagnosis.fit import Rough, Start, own_columns
+from twin_daemon.diagnosis.partfit import PartFit
+from twin_daemon.diagnosis.whitened import WhitenedProblem
+from twin_daemon.errors import BadInput
+from twin_daemon.fitting.knobs import Knob
+from twin_daemon.simulation.alignment import Aligned
+from twin_daemon.simulation.twin import TwinModel
+
+_SCREENED_S = 8.0  # of motion: enough to rank candidates
+
+
+class _Anchor:
+    """A point of the nuisances with its rows and their derivative, seen on the motion that is screened."""
+
+    def __init__(self, point: np.ndarray, rows: np.ndarray, slopes: np.ndarray) -> None:
+        self.point, self.columns = point, slopes
+        self._rows = rows
+        self._bases: dict[tuple[int, ...], np.ndarray] = {}
+        self.coarse = np.empty(0)
+
+    def basis(self, dropped: tuple[int, ...] = ()) -> np.ndarray:
+        """(m, p) orthonormal: what the nuisances can do, but for the dropped ones."""
+        if dropped not in self._bases:
+            kept = np.delete(self.columns, dropped, axis=1)
+            self._bases[dropped], _ = np.linalg.qr(kept)
+        return self._bases[dropped]
+
+    def left(self, basis: np.ndarray, change: np.ndarray | None = None) -> tuple[float, float]:
+        """(cost, amount): what the nuisances and the best amount of a change (m,) leave of the rows."""
+        rows = self._rows - basis @ (basis.T @ self._rows)
+        if change is None:
+            return float(rows @ rows), 0.0
+        seen = change - basis @ (basis.T @ change)
+        power = float(seen @ seen)
+        if not np.isfinite(power) or power < 1e-12:
+            return float("inf"), 0.0
+        amount = float(np.clip(-(seen @ rows) / power, 0.0, 1.5))
+        rows = rows + amount * seen
+        return float(rows @ rows), amount
+
+
+class Screening:
+    """A part's candidates, from several points of its nuisances."""
+
+    def __init__(self, part: PartFit) -> None:
+        """Chooses the motion where the model fails most, and points of the nuisances from which to look at it.
+
+        The first is where they fit best alone. There the nuisances of the joint that fails have moved to stand in for
+        what is missing; so for each group of joints that one servo moves there is another point, at which its own are
+        nominal again and all others stay.
+        """
+        self._part = part
+        rows = part.problem.residuals(self._part.base.point[None])[0]
+        blocks = self._part.blocks()
+        costs = [float((rows[a:b] ** 2).sum()) / max(b - a, 1) for a, b in blocks]
+        taken: list[int] = []
+        for index in np.argsort(costs)[::-1]:
+            taken.append(int(index))
+            if sum(self._part.recordings[i].time_s[-1] for i in taken) >= _SCREENED_S:
+                break
+        taken.sort()
+        chosen = np.concatenate([*(np.arange(*blocks[i]) for i in taken), np.arange(blocks[-1][1], len(rows))])
+        self._screened = [self._part.recordings[i] for i in taken]
+        self._screened_corrections = [self._part.corrections[i] for i in taken]
+        self._coarse_twin = part.coarse
+        self._anchors: dict[frozenset[str] | None, _Anchor] = {
+            None: _Anchor(self._part.base.point, rows[chosen], self._part.base.slopes[chosen])
+        }
+        problem = self._screened_of(self._part.problem)
+        nominal = problem.start
+        for group in self._part.groups:
+            if group & self._part.suspects:
+                own = [not k.joints or set(k.joints) <= group for k in self._part.knobs]
+                point = np.where(own, nominal, self._part.base.point)
+                at = problem.residuals(point[None])[0]
+                self._anchors[group] = _Anchor(point, at, differenced(problem, point, at, range(len(point))))
+        coarse = self._screening_problem(self._coarse_twin, self._part.knobs, ())
+        for anchor in self._anchors.values():
+            anchor.coarse = coarse.residuals(anchor.point[None])[0]
+
+    @property
+    def cost(self) -> float:
+        """What the nuisances alone reach on the motion that is screened."""
+        base = self._anchors[None]
+        return base.left(base.basis())[0]
+
+    @property
+    def floor_cost(self) -> float:
+        """What a right model leaves of the motion that is screened."""
+        return (
+            float(sum(len(r.time_s) for r in self._screened) * len(self._part.joints)) / self._part.problem.correlation
+        )
+
+    def screen(self, hypothesis: Hypothesis) -> list[Start]:
+        """Starts of a candidate with the cost that it could reach along the secant to each, nuisances going along.
+
+        A finite-size change is used because backlash or dry friction are not smooth at zero; at twice the time
+        step, because a change is a difference of two roll-outs, which share its error.
+        """
+        found: list[Start] = []
+        spoken = hypothesis.speaks_for(self._part.twin)
+        dropped = tuple(i for i, knob in enumerate(self._part.knobs) if knob.name in spoken)
+        own = self._part.group_of(hypothesis.target)
+        groups = [group for group in (None, own) if group in self._anchors and not (dropped and group is None)]
+        for values in hypothesis.starts:
+            with contextlib.suppress(BadInput):
+                changed = self._coarse_twin.changed(self._coarse_twin.terms.with_effect(hypothesis.term(values)))
+                problem = self._screening_problem(changed, self._part.knobs, sorted(hypothesis.holds_offset()))
+                for group in groups:
+                    anchor = self._anchors[group]
+                    change = problem.residuals(anchor.point[None])[0] - anchor.coarse
+                    cost, amount = anchor.left(anchor.basis(dropped), change)
+                    if np.isfinite(cost):
+                        found.append(Start(hypothesis, hypothesis.along(values, amount), group, cost))
+        scales = {k.name: k.value(u) for k, u in zip(self._part.knobs, self._part.base.point, strict=True)}
+        pull = sum(self._part.base.strains[self._part.knobs[i].name] ** 2 for i in dropped)
+        for values in hypothesis.freed(self._part.twin, scales):
+            found.append(Start(hypothesis, values, None, self.cost - pull))
+        return sorted(found, key=lambda start: start.expected)
+
+    def _screening_problem(self, twin: TwinModel, knobs: Sequence[Knob], offset_held: Sequence[str]) -> WhitenedProblem:
+        return WhitenedProblem(
+            twin,
+            self._screened,
+            _over(knobs, self._part.recordings, self._screened),
+            self._part.joints,
+            self._part.floor,
+            offset_held=offset_held,
+            corrections=self._screened_corrections,
+        )
+
+    def enter(self, start: Start) -> Rough | None:
+        """A start as it is, with the nuisances where its anchor has them or where they would go from there.
+
+        None where the effect cannot stand beside the twin's others.
+        """
+        with contextlib.suppress(BadInput):
+            return self._enter(start)
+        return None
+
+    def _enter(self, start: Start) -> Rough:
+        whole = self._part.problem_with((start.hypothesis, start.values))
+        problem = self._screened_of(whole)
+        anchor = self._anchors[start.anchor]
+        units = {k.name: u for k, u in zip(self._part.knobs, anchor.point, strict=True)}
+        point = np.array([units.get(k.name, u) for k, u in zip(problem.knobs, problem.start, strict=True)])
+        rows = problem.residuals(point[None])[0]
+        slopes = self._slopes(problem, anchor)
+        free = [i for i, knob in enumerate(problem.knobs) if knob.prior is not None]
+        moved = one_step(problem, point, rows, slopes, free)
+        moved_rows = problem.residuals(moved[None])[0]
+        if moved_rows @ moved_rows < rows @ rows:
+            point, rows = moved, moved_rows
+        return Rough(start, whole, point, float(rows @ rows))
+
+    def roughly(self, entered: Rough, evaluations: int) -> Rough:
+        """A first fit, on the motion that is screened: derivatives by the nuisances are taken over."""
+        problem = self._screened_of(entered.problem)
+        known = self._slopes(problem, self._anchors[entered.start.anchor])
+        derivative = Derivative(problem, own_columns(problem), known)
+        more = 2 * len(own_columns(problem))
+        found = descend(problem, entered.point, derivative, evaluations=evaluations + more)
+        return Rough(entered.start, entered.problem, found.point, float(found.rows @ found.rows))
+
+    def _screened_of(self, whole: WhitenedProblem) -> WhitenedProblem:
+        knobs = _over(whole.knobs, self._part.recordings, self._screened)
+        return whole.over(self._screened, knobs, self._screened_corrections)
+
+    def _slopes(self, problem: WhitenedProblem, anchor: _Anchor) -> np.ndarray:
+        """The anchor's derivative, in the order of the rows and knobs of a candidate's problem."""
+        priors = problem.prior_slopes()
+        data = len(anchor.columns) - len(self._part.knobs)
+        slopes = np.zeros((data + len(priors), len(problem.knobs)))
+        columns = {k.name: i for i, k in enumerate(self._part.knobs)}
+        for index, knob in enumerate(problem.knobs):
+            if knob.prior is not None:
+                slopes[:data, index] = anchor.columns[:data, columns[knob.name]]
+        slopes[data:] = priors
+        return slopes
+
+
+def _over(knobs: Sequence[Knob], recordings: Sequence[Aligned], some: Sequence[Aligned]) -> tuple[Knob, ...]:
+    """The same knobs, with the onsets that they write counted over some of the recordings."""
+    place = {id(r): str(i) for i, r in enumerate(some)}
+    numbered = {str(i): place.get(id(r)) for i, r in enumerate(recordings)}
+    out = []
+    for knob in knobs:
+        writes = tuple(
+            (kind, numbered[where[0]] or "") if kind == "onset" else (kind, *where)
+            for kind, *where in knob.writes
+            if kind != "onset" or numbered[where[0]] is not None
+        )
+        out.append(replace(knob, writes=writes))
+    return tuple(out)
