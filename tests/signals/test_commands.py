@@ -48,3 +48,15 @@ def test_a_line_goes_through_its_points_and_stays_between_them(rows: list[tuple[
 def test_a_stamp_a_rounding_error_late_still_belongs_to_its_step() -> None:
     signal = CommandSignal(("a",), np.array([0.0, 0.1 + 1e-9]), np.array([[1.0], [2.0]]), "hold")
     assert signal.sample(np.array([0.1]))[0, 0] == 2.0
+
+
+@given(streams, st.floats(0.0, 10.0), st.sampled_from([0.002, 0.05]))
+def test_the_mean_of_a_held_target_is_that_of_its_samples(
+    rows: list[tuple[int, float, float]], time_s: float, width_s: float
+) -> None:
+    signal = CommandSignal.from_stream(stream(rows), 0)
+    mean = signal.mean(np.array([time_s]), width_s)[0]
+    fine = signal.sample(time_s + width_s * (np.arange(4000) + 0.5 - 2000) / 4000)
+    for column in range(2):
+        if np.isfinite(fine[:, column]).all():
+            assert abs(mean[column] - fine[:, column].mean()) < 0.01

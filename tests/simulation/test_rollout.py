@@ -6,8 +6,9 @@ import copy
 
 import mujoco
 import numpy as np
+import pytest
 
-from twin_daemon.simulation.rollout import roll_out
+from twin_daemon.simulation.rollout import roll_out, settle_actuators
 from twin_daemon.simulation.terms import EffectTerm, Terms
 from twin_daemon.simulation.twin import TwinModel
 
@@ -67,3 +68,46 @@ def test_a_delayed_actuator_starts_as_if_it_had_been_told_so_for_ever(twin: Twin
     hold[..., twin.actuators.index("rh_FFJ3")] = 0.7
     prompt, delayed = (roll_out([t.model], hold, start[None])[0, :, column] for t in (twin, late))
     np.testing.assert_allclose(delayed, prompt, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("key", "values"),
+    [
+        ("actuator_lag", {"tau": 0.08}),
+        ("command_delay", {"delay": 0.05}),
+        ("rate_limit", {"rate": 1.0}),
+    ],
+)
+def test_a_roll_out_from_the_middle_knows_the_commands_before(
+    key: str, values: dict[str, float], twin: TwinModel, rng: np.random.Generator
+) -> None:
+    late = twin.changed(Terms(effects=(EffectTerm(effect=key, target="rh_FFJ3", values=values),)))
+    controls, cut = waves(late, 1, rng), 200
+    whole = roll_out([late.model], controls, late.model.qpos0[None])[0]
+    # the state at the cut, speeds included, from a plain loop that starts as the whole one did
+    data = mujoco.MjData(late.model)
+    data.ctrl[:] = controls[0, 0]
+    settle_actuators(late.model, data, controls[0, 0])
+    for step in range(cut):
+        data.ctrl[:] = controls[0, step]
+        mujoco.mj_step(late.model, data)
+    rest = controls[:, cut:]
+    later = roll_out([late.model], rest, data.qpos[None], data.qvel[None], before=controls[:, :cut])[0]
+    np.testing.assert_allclose(later, whole[cut:], atol=1e-6)
+    forgotten = roll_out([late.model], rest, data.qpos[None], data.qvel[None])[0]
+    assert np.abs(forgotten - whole[cut:]).max() > 1e-3
+
+
+def test_dry_friction_that_holds_a_load_holds_it_from_the_first_step(twin: TwinModel) -> None:
+    term = EffectTerm(effect="coulomb_friction", target="rh_FFJ3", values={"friction": 0.4})
+    stuck = twin.changed(Terms(effects=(term,)))
+    column = stuck.joints.index("rh_FFJ3")
+    pose = np.zeros(len(stuck.joints))
+    pose[column] = 0.5
+    controls = np.zeros((1, 400, len(stuck.actuators)))
+    controls[..., stuck.actuators.index("rh_FFJ3")] = 0.52  # 0.2 N m, which the friction holds
+    start = stuck.initial_qpos(pose)[None]
+    held = roll_out([stuck.model], controls, start, loaded=True)[0][:, stuck.qpos_adr[column]]
+    assert np.ptp(held) < 3e-4
+    relaxed = roll_out([stuck.model], controls, start)[0][:, stuck.qpos_adr[column]]
+    assert np.ptp(relaxed) > 3e-4

@@ -142,6 +142,7 @@ class Problem:
                 qpos[None],
                 qvel[None],
                 before=controls[:, : len(past)] if len(past) else None,
+                loaded=True,
                 threads=self.threads,
             )
             sampled = resample(positions[:, :, self.twin.qpos_adr], step_s, recording.time_s)

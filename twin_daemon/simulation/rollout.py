@@ -30,6 +30,7 @@ def roll_out(
     qvel: np.ndarray | None = None,
     *,
     before: np.ndarray | None = None,
+    loaded: bool = False,
     threads: int | None = None,
 ) -> np.ndarray:
     """Positions of every simulation, (B, T + 1, nq), the initial state first.
@@ -37,8 +38,9 @@ def roll_out(
     `models` has B models of the same sizes, or one for all. `controls` is (B or 1, T, nu): row k is applied
     during step k; actuators beyond its columns get 0. `qpos` is (B or 1, nq), `qvel` (B or 1, nv), zero where
     not given. Delay buffers and filters start as `before` (B or 1, H, nu), the controls of the steps before, has left
-    them; without it as if the hand had been told the first control for ever. From the
-    step at which MuJoCo warns (a state that is not finite or diverges) a simulation's positions are NaN.
+    them; without it as if the hand had been told the first control for ever. Bristles of dry friction start relaxed, or
+    with `loaded` bent by what they hold. From the step at which MuJoCo warns (a state that is not finite or diverges) a
+    simulation's positions are NaN.
     """
     count = max(len(models), len(controls), len(qpos))
     first = models[0]
@@ -59,7 +61,8 @@ def roll_out(
         for slot, i in enumerate(chosen):
             runner.state[slot] = _initial_state(picked[slot], controls[_row(i, controls)][0], qpos[_row(i, qpos)],
                                                 None if qvel is None else qvel[_row(i, qvel)],
-                                                None if before is None else before[_row(i, before)])  # fmt: skip
+                                                None if before is None else before[_row(i, before)],
+                                                loaded=loaded)  # fmt: skip
         runner.warning[:] = 0
         rows = controls[start : start + len(chosen)] if len(controls) > 1 else controls
         recorded = runner.rollout(steps, rows, record=("qpos", _TIME), ids=ids)
@@ -81,6 +84,8 @@ def _initial_state(
     qpos: np.ndarray,
     qvel: np.ndarray | None,
     before: np.ndarray | None,
+    *,
+    loaded: bool,
 ) -> np.ndarray:
     data = mujoco.MjData(model)
     data.qpos[:] = qpos
@@ -90,7 +95,8 @@ def _initial_state(
     settle_actuators(model, data, control)
     if before is not None:
         recall_commands(model, data, before)
-    settle_bristles(model, data)
+    if loaded:
+        settle_bristles(model, data)
     signature = mujoco.mjtState.mjSTATE_INTEGRATION.value
     state = np.empty(mujoco.mj_stateSize(model, signature))
     mujoco.mj_getState(model, data, state, signature)
