@@ -117,7 +117,7 @@ def _search(part: PartFit, reduced: Reduced, seed: int, say: Stream, most_effect
         richer = part.twin.changed(part.twin.terms.with_effect(hypothesis.term(fit.values)))
         settled = PartFit(richer, part.recordings, part.joints, after=fit)
         # beside the effect the nuisances have gone back to where they belong: judged once more as it stands
-        gate = Gate(settled, reduced.holdout, seed=seed, first=gate.first)
+        gate = Gate(settled, reduced.holdout, seed=seed, first=gate)
         outcome.left = min(outcome.left, gate.judge(settled.base).adequacy)
         outcome.strained = _strained(settled)
         say(f"  with {hypothesis.name}: {settled.base.chi_square:.1f} times the floor, {outcome.left:.1f} held out")

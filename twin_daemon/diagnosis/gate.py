@@ -19,6 +19,7 @@ RELATIVE = 0.06
 """Part of a joint's error that a right effect may leave where that is more: laws differ in form. Wrong effects leave
 a fifth and more."""
 
+_AS_BEFORE = 1.5
 _BLOCK_S = 0.75
 
 
@@ -58,17 +59,15 @@ class Gate:
     What the recordings alone determine, such as the time step's error on them, is computed once for all fits.
     """
 
-    def __init__(
-        self, part: PartFit, holdout: Sequence[Aligned], *, seed: int, first: np.ndarray | None = None
-    ) -> None:
-        """`first` (k,) is what was left of each joint, in floors, before any effect was found."""
+    def __init__(self, part: PartFit, holdout: Sequence[Aligned], *, seed: int, first: Gate | None = None) -> None:
+        """`first` is the gate of the part before any effect was found."""
         self._part = part
         self._holdout = holdout
         self._seed = seed
         self._before: dict[tuple[str, ...], list[np.ndarray]] = {}
         self._known = [np.isfinite(r.measured[:, [r.joints.index(j) for j in part.joints]]) for r in holdout]
         base = part.held_out(part.base, holdout)
-        self.first = _left(base, self._known, part.floor) if first is None else first
+        self.allowed = self._allowed(base) if first is None else first.allowed
         self._before[()] = base
         self._block = max(1, int(_BLOCK_S / float(np.median(np.diff(holdout[0].time_s)))))
 
@@ -93,8 +92,14 @@ class Gate:
             gain=1.0 - total_after / max(total_before, 1e-30),
             gain_ci95=block_gain(squares_before, squares_after, self._block, self._seed),
             by_joint=_left(after, self._known, part.floor),
-            allowed=np.maximum(ADEQUATE, RELATIVE * self.first),
+            allowed=self.allowed,
         )
+
+    def _allowed(self, base: Sequence[np.ndarray]) -> np.ndarray:
+        """(k,) floors: for joints that fit well what they leave anyway, for the others a part of that."""
+        left, suspects = _left(base, self._known, self._part.floor), self._part.suspects
+        share = np.array([RELATIVE if joint in suspects else _AS_BEFORE for joint in self._part.joints])
+        return np.maximum(ADEQUATE, share * left)
 
     def _squares(self, residuals: Sequence[np.ndarray]) -> np.ndarray:
         """(n,) mean over the joints of each measured sample's squared error, over all recordings."""

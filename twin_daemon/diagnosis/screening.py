@@ -18,6 +18,7 @@ from twin_daemon.fitting.knobs import Knob
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
 
+_FURTHEST = 4.0  # times a start's own values, along its secant
 _SCREENED_S = 8.0  # of motion: enough to rank candidates
 
 
@@ -46,7 +47,7 @@ class _Anchor:
         power = float(seen @ seen)
         if not np.isfinite(power) or power < 1e-12:
             return float("inf"), 0.0
-        amount = float(np.clip(-(seen @ rows) / power, 0.0, 1.5))
+        amount = float(np.clip(-(seen @ rows) / power, 0.0, _FURTHEST))
         rows = rows + amount * seen
         return float(rows @ rows), amount
 
@@ -128,7 +129,18 @@ class Screening:
         pull = sum(self._part.base.strains[self._part.knobs[i].name] ** 2 for i in dropped)
         for values in hypothesis.freed(self._part.twin, scales):
             found.append(Start(hypothesis, values, None, self.cost - pull))
+        for joint in hypothesis.holds_offset():
+            # elsewhere a small offset is free: its candidate begins where that has gone
+            values = hypothesis.effect.clipped({hypothesis.effect.parameters[0].name: self._mean_residual(joint)})
+            found.append(Start(hypothesis, hypothesis.effect.complete(values), None, 0.5 * self.cost))
         return sorted(found, key=lambda start: start.expected)
+
+    def _mean_residual(self, joint: str) -> float:
+        """rad: what a joint reads beyond its prediction, on average over all motion."""
+        column = self._part.joints.index(joint)
+        gaps = self._part.problem.joint_residuals(self._part.base.point[None])
+        known = [np.isfinite(r.measured[:, self._part.twin.joints.index(joint)]) for r in self._part.recordings]
+        return float(np.concatenate([g[0][k, column] for g, k in zip(gaps, known, strict=True)]).mean())
 
     def _screening_problem(self, twin: TwinModel, knobs: Sequence[Knob], offset_held: Sequence[str]) -> WhitenedProblem:
         return WhitenedProblem(
