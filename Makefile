@@ -25,7 +25,7 @@ bench: setup  ## how long a diagnosis of the whole hand takes, then the hidden s
 	@$(BIN)/python -m bench.whole_hand
 	@$(MAKE) --no-print-directory suite
 
-suite: setup  ## the hidden suite: its rates and its confusion matrix, into docs/hidden-suite.md (half an hour)
+suite: setup  ## the hidden suite: its rates and its confusion matrix, into docs/hidden-suite.md (an hour)
 	@$(BIN)/python -m bench.hidden_suite --folder build/suite --page docs/hidden-suite.md --workers $(WORKERS)
 
 lint: setup

@@ -37,9 +37,13 @@ def main() -> None:
     with ThreadPoolExecutor(arguments.workers) as pool:
         # in a mixed order, so that what an interrupted run has done is a fair sample
         mixed = random.Random(0).sample(chosen, len(chosen))
-        for line in pool.map(lambda case: _one(case, arguments.folder), mixed):
-            print(line, flush=True)
-    text = page([case for case in chosen if (arguments.folder / f"{case.name}.json").exists()], arguments.folder)
+        try:
+            for line in pool.map(lambda case: _one(case, arguments.folder), mixed):
+                print(line, flush=True)
+        except KeyboardInterrupt:
+            pool.shutdown(cancel_futures=True)
+    done = [case for case in chosen if (arguments.folder / f"{case.name}.json").exists()]
+    text = page(done, arguments.folder, len(cases()))
     print(text)
     if arguments.page:
         arguments.page.write_text(text)

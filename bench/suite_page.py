@@ -28,10 +28,11 @@ _GOALS = {
 }
 
 
-def page(chosen: Sequence[Case], folder: Path) -> str:
-    """The whole page as Markdown. Cases without a diagnosis count as failed."""
+def page(chosen: Sequence[Case], folder: Path, of: int | None = None) -> str:
+    """The whole page as Markdown. Cases without a diagnosis count as failed; `of` is how many cases there are."""
     rows = [_row(case, folder) for case in chosen]
-    out = [*_INTRODUCTION, "", "| what | goal | reached | of |", "|---|---|---|---|"]
+    sample = [] if of in (None, len(rows)) else ["", f"{len(rows)} of {of} cases were run, a random sample."]
+    out = [*_INTRODUCTION, *sample, "", "| what | goal | reached | of |", "|---|---|---|---|"]
     for name, goal in _GOALS.items():
         kind = name.partition(":")[0]
         mine = [row for row in rows if row["kind"] == kind]
