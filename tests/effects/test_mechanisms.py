@@ -119,7 +119,8 @@ def test_the_distal_joint_stays_behind_while_the_finger_closes():
     assert split[half, proximal] > 1.0
     assert split[-1, distal] > 1.0
     values = LIBRARY["coupling"].complete({})
-    end = finger.hand.joint_range_rad["rh_FFJ2"][1] + values["stop"] + values["stop_slope"] * split[-1, distal]
+    upper = finger.model.joint(finger.hand.description.joints["rh_FFJ2"].joint).range[1]
+    end = upper + values["stop"] + values["stop_slope"] * split[-1, distal]
     assert split[-1, proximal] == pytest.approx(end, abs=0.02)
 
 
