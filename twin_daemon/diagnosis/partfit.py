@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
 from twin_daemon.diagnosis.candidates import Hypothesis
-from twin_daemon.diagnosis.descent import Derivative, descend, differenced
+from twin_daemon.diagnosis.descent import Derivative, descend
 from twin_daemon.diagnosis.fit import Fit, Rough, as_fit, own_columns
 from twin_daemon.diagnosis.nuisances import nuisance_knobs
-from twin_daemon.diagnosis.whitened import WhitenedProblem, floor_variance
+from twin_daemon.diagnosis.whitened import WhitenedProblem, floor_and_corrections
 from twin_daemon.fitting.knobs import Knob
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
@@ -24,7 +25,6 @@ _SUSPECT_SIGMA = 3.0
 _SHARE = 0.04  # of the whole error below which a joint is not looked at, as long as another is worse
 _SETTLED = 0.95  # of the cost before: a round of the nuisances that gains less is the last
 _GONE_FAR = 0.8  # of its first cost: a descent that has come below this is taken up again
-_STEP_ERROR_SHARE = 0.5  # of the time step's error that is left after it has been taken out
 
 
 class PartFit:
@@ -40,28 +40,19 @@ class PartFit:
         self._own_columns = [twin.joints.index(joint) for joint in joints]
         self.knobs = nuisance_knobs(twin, recordings, joints)
         if after is None:
-            floor = floor_variance(recordings, joints)
-            rough = WhitenedProblem(twin, recordings, self.knobs, joints, floor)
-            self.corrections: Sequence[np.ndarray] = rough.step_errors(rough.start)
-            errors = [(_STEP_ERROR_SHARE * e).var(axis=0) for e in self.corrections]
-            self.floor = floor + np.mean(errors, axis=0)
+            self.floor, self.corrections = floor_and_corrections(twin, recordings, self.knobs, joints)
         else:
-            self.corrections, self.floor = after.problem.corrections, after.problem.floor
+            self.floor, self.corrections = after.problem.floor, after.problem.corrections
         self.problem = WhitenedProblem(twin, recordings, self.knobs, joints, self.floor, corrections=self.corrections)
         self.coarse = twin.at_step(2.0 * float(twin.model.opt.timestep))
-        self._nominal: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self.base = self._fit_nuisances(after)
 
     # -- nuisances -----------------------------------------------------------------------------------------
 
     def _fit_nuisances(self, after: Fit | None) -> Fit:
         problem = self.problem
-        if after is None:
-            point, _, slopes = self.nominal
-        else:
-            units = after.nuisances
-            point = np.array([units.get(k.name, u) for k, u in zip(problem.knobs, problem.start, strict=True)])
-            slopes = self._taken_over(after)
+        point = problem.start_from(after.nuisances if after else {})
+        slopes = self._taken_over(after) if after else None
         before = np.inf
         for known in (slopes, None, None, None):
             derivative = Derivative(problem, (), known)
@@ -71,15 +62,6 @@ class PartFit:
                 break
             before = cost
         return as_fit(None, problem, found)
-
-    @property
-    def nominal(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(point, rows, slopes) with every nuisance at its nominal value."""
-        if self._nominal is None:
-            start = self.problem.start
-            rows = self.problem.residuals(start[None])[0]
-            self._nominal = start, rows, differenced(self.problem, start, rows, range(len(start)))
-        return self._nominal
 
     def _taken_over(self, fit: Fit) -> np.ndarray | None:
         """A fit's derivative by the nuisances; None where it did not have them all."""
@@ -113,7 +95,7 @@ class PartFit:
                 return driven
         return frozenset({target}) if target in self.twin.joints else None
 
-    @property
+    @cached_property
     def suspects(self) -> set[str]:
         """Joints at which something may be missing: the loud ones, or where none is, those whose nuisances strain."""
         residuals = self.problem.joint_residuals(self.base.point[None])
@@ -178,8 +160,7 @@ class PartFit:
         """Several effects that were found one after another, fitted at once; the same fit seen from each of them."""
         pairs = [(fit.hypothesis, fit.values) for fit in fits if fit.hypothesis is not None]
         problem = self.problem_with(*pairs).corrected(fits[-1].problem.corrections)
-        units = fits[-1].nuisances
-        point = np.array([units.get(k.name, u) for k, u in zip(problem.knobs, problem.start, strict=True)])
+        point = problem.start_from(fits[-1].nuisances)
         found = descend(problem, point, Derivative(problem, own_columns(problem)), evaluations=evaluations)
         return [as_fit(hypothesis, problem, found) for hypothesis, _ in pairs]
 

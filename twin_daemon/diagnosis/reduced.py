@@ -11,7 +11,7 @@ from twin_daemon.diagnosis.segments import length_s, segments
 from twin_daemon.fitting.reduce import restricted
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.contacts import touching_times
-from twin_daemon.simulation.submodel import Part, parts, submodel
+from twin_daemon.simulation.submodel import Part, parts, submodel, with_coupled
 from twin_daemon.simulation.twin import TwinModel
 
 _MARGIN_M = 1e-3
@@ -46,12 +46,7 @@ class Reduction:
         about the part.
         """
         keep = {*joints, *(set(self.moving) & set(part.trunk))}
-        for row in twin.drive:
-            coupled = {twin.joints[j] for j in np.flatnonzero(row)}
-            if coupled & keep:
-                keep |= coupled
-        ordered = tuple(n for n in twin.joints if n in keep)
-        small = submodel(twin, ordered, self._train[0].start_position)
+        small = submodel(twin, with_coupled(twin, keep), self._train[0].start_position)
         pieces = [
             segments(restricted(r, small.joints), joints, masks.get(part.name))
             for r, masks in zip((*self._train, *self._holdout), self._touching, strict=True)

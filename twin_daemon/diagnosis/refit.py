@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-
-import numpy as np
+from dataclasses import dataclass, replace
 
 from twin_daemon.diagnosis.candidates import Hypothesis
 from twin_daemon.diagnosis.descent import Derivative, descend
@@ -14,10 +12,9 @@ from twin_daemon.diagnosis.intervals import knob_interval, unit_sigmas
 from twin_daemon.diagnosis.nuisances import nuisance_knobs
 from twin_daemon.diagnosis.reduced import Reduction
 from twin_daemon.diagnosis.segments import segments
-from twin_daemon.diagnosis.whitened import WhitenedProblem, floor_variance
+from twin_daemon.diagnosis.whitened import WhitenedProblem, floor_and_corrections
 from twin_daemon.effects.base import Effect
 from twin_daemon.errors import BadInput
-from twin_daemon.fitting.knobs import Knob
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.submodel import parts
 from twin_daemon.simulation.terms import EffectTerm
@@ -86,8 +83,8 @@ def refit_effect(
         hypotheses = [_hypothesis(small, effect, target, joints[0], start) for target in own]
         best = _fit(small, pieces, hypotheses, given, joints)
         parameters |= best.problem.settings(best.point)[0]
-        for target in own:
-            term, found = _read(best, effect, target)
+        for hypothesis in hypotheses:
+            term, found = _read(best, hypothesis)
             terms.append(term)
             values |= found
     for name, value in values.items():
@@ -150,10 +147,7 @@ def _fit(
     joints: Sequence[str],
 ) -> Fit:
     """The best descent of the hypotheses' parameters, together, and of all that is uncertain."""
-    floor = floor_variance(pieces, joints)
-    nominal = WhitenedProblem(small, pieces, (), joints, floor)
-    corrections = nominal.step_errors(nominal.start)
-    floor = floor + np.mean([(0.5 * c).var(axis=0) for c in corrections], axis=0)
+    floor, corrections = floor_and_corrections(small, pieces, (), joints)
     spoken = {name for h in hypotheses for name in h.speaks_for(small)}
     nuisances = tuple(k for k in nuisance_knobs(small, pieces, joints) if k.name not in spoken)
     offsets = {joint for h in hypotheses for joint in h.holds_offset()}
@@ -200,20 +194,13 @@ def _hypothesis(
     return Hypothesis(effect, target, tuple(effect.complete(s) for s in starts))
 
 
-def _read(fit: Fit, effect: Effect, target: str) -> tuple[EffectTerm, dict[str, RefittedValue]]:
+def _read(fit: Fit, hypothesis: Hypothesis) -> tuple[EffectTerm, dict[str, RefittedValue]]:
     """The fitted term of one target, and its values with their intervals."""
-    held = next(t for t in fit.problem.twin.terms.effects if (t.effect, t.target) == (effect.key, target))
-    values = effect.complete(held.values)
-    widths = unit_sigmas(fit)
+    seen = replace(fit, hypothesis=hypothesis)
+    values, widths = seen.values, unit_sigmas(fit)
     found = {}
-    for index, (knob, value) in enumerate(zip(fit.problem.knobs, fit.problem.values(fit.point), strict=True)):
-        if _belongs(knob, effect, target):
-            name = knob.name.rpartition(".")[2]
-            values[name] = float(value)
-            interval = knob_interval(fit, knob, widths[index])
-            found[knob.name] = RefittedValue(float(value), knob.unit, interval, knob.at_bound(float(value)))
-    return EffectTerm(effect=effect.key, target=target, values=values), found
-
-
-def _belongs(knob: Knob, effect: Effect, target: str) -> bool:
-    return any(write[:2] == ("effect", f"{effect.key}:{target}") for write in knob.writes)
+    for index, knob in seen.own_knobs:
+        value = values[knob.name.rpartition(".")[2]]
+        interval = knob_interval(fit, knob, widths[index])
+        found[knob.name] = RefittedValue(value, knob.unit, interval, knob.at_bound(value))
+    return hypothesis.term(values), found

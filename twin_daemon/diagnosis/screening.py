@@ -63,31 +63,30 @@ class Screening:
         nominal again and all others stay.
         """
         self._part = part
-        rows = part.problem.residuals(self._part.base.point[None])[0]
-        blocks = self._part.blocks()
+        rows = part.problem.residuals(part.base.point[None])[0]
+        blocks = part.blocks()
         costs = [float((rows[a:b] ** 2).sum()) / max(b - a, 1) for a, b in blocks]
         taken: list[int] = []
         for index in np.argsort(costs)[::-1]:
             taken.append(int(index))
-            if sum(self._part.recordings[i].time_s[-1] for i in taken) >= _SCREENED_S:
+            if sum(part.recordings[i].time_s[-1] for i in taken) >= _SCREENED_S:
                 break
         taken.sort()
         chosen = np.concatenate([*(np.arange(*blocks[i]) for i in taken), np.arange(blocks[-1][1], len(rows))])
-        self._screened = [self._part.recordings[i] for i in taken]
-        self._screened_corrections = [self._part.corrections[i] for i in taken]
-        self._coarse_twin = part.coarse
+        self._screened = [part.recordings[i] for i in taken]
+        self._screened_corrections = [part.corrections[i] for i in taken]
         self._anchors: dict[frozenset[str] | None, _Anchor] = {
-            None: _Anchor(self._part.base.point, rows[chosen], self._part.base.slopes[chosen])
+            None: _Anchor(part.base.point, rows[chosen], part.base.slopes[chosen])
         }
-        problem = self._screened_of(self._part.problem)
+        problem = self._screened_of(part.problem)
         nominal = problem.start
-        for group in self._part.groups:
-            if group & self._part.suspects:
-                own = [not k.joints or set(k.joints) <= group for k in self._part.knobs]
-                point = np.where(own, nominal, self._part.base.point)
+        for group in part.groups:
+            if group & part.suspects:
+                own = [not k.joints or set(k.joints) <= group for k in part.knobs]
+                point = np.where(own, nominal, part.base.point)
                 at = problem.residuals(point[None])[0]
                 self._anchors[group] = _Anchor(point, at, differenced(problem, point, at, range(len(point))))
-        coarse = self._screening_problem(self._coarse_twin, self._part.knobs, ())
+        coarse = self._screening_problem(part.coarse, part.knobs, ())
         for anchor in self._anchors.values():
             anchor.coarse = coarse.residuals(anchor.point[None])[0]
 
@@ -117,7 +116,7 @@ class Screening:
         groups = [group for group in (None, own) if group in self._anchors and not (dropped and group is None)]
         for values in hypothesis.starts:
             with contextlib.suppress(BadInput):
-                changed = self._coarse_twin.changed(self._coarse_twin.terms.with_effect(hypothesis.term(values)))
+                changed = self._part.coarse.changed(self._part.coarse.terms.with_effect(hypothesis.term(values)))
                 problem = self._screening_problem(changed, self._part.knobs, sorted(hypothesis.holds_offset()))
                 for group in groups:
                     anchor = self._anchors[group]
@@ -166,8 +165,7 @@ class Screening:
         whole = self._part.problem_with((start.hypothesis, start.values))
         problem = self._screened_of(whole)
         anchor = self._anchors[start.anchor]
-        units = {k.name: u for k, u in zip(self._part.knobs, anchor.point, strict=True)}
-        point = np.array([units.get(k.name, u) for k, u in zip(problem.knobs, problem.start, strict=True)])
+        point = problem.start_from({k.name: u for k, u in zip(self._part.knobs, anchor.point, strict=True)})
         rows = problem.residuals(point[None])[0]
         slopes = self._slopes(problem, anchor)
         free = [i for i, knob in enumerate(problem.knobs) if knob.prior is not None]

@@ -17,6 +17,7 @@ MODEL_FLOOR_RAD = 6e-4
 """What a right model still leaves even after the time step's error is taken out."""
 
 _FINER = 4.0
+_STEP_ERROR_SHARE = 0.5  # of the time step's error that is left after it has been taken out
 
 CORRELATION_S = 0.08
 """Over this time the residual of a right model repeats itself: that many samples count as one."""
@@ -102,13 +103,6 @@ class WhitenedProblem(Problem):
         shifted = np.where(known[None], residual - ((1.0 - np.sqrt(1.0 - share)) * mean)[:, None, :], 0.0)
         return (shifted / np.sqrt(self.floor * tau)).reshape(len(residual), -1)
 
-    def chi_square(self, points: np.ndarray) -> np.ndarray:
-        """(B,) mean of the squared residual over the floor: 1 is what a right model leaves, without the priors."""
-        rows = self.residuals(points)
-        prior = self.prior_residuals(points)
-        data = (rows**2).sum(axis=1) - (prior**2).sum(axis=1)
-        return data / self.effective_samples
-
     def corrected(self, corrections: Sequence[np.ndarray]) -> WhitenedProblem:
         """The same problem with other corrections."""
         return self.over(self.recordings, self.knobs, corrections)
@@ -153,6 +147,16 @@ class WhitenedProblem(Problem):
             self.twin.at_step(step_s / _FINER), self.recordings, self.knobs, self.objective, self.floor, threads=1
         )
         return [f[0] - c[0] for f, c in zip(fine.predict(point[None]), self.predict(point[None]), strict=True)]
+
+
+def floor_and_corrections(
+    twin: TwinModel, recordings: Sequence[Aligned], knobs: Sequence[Knob], joints: Sequence[str]
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """((k,) rad^2, (n, k) rad a recording): the floor with what is left of the time step's error, and that error."""
+    floor = floor_variance(recordings, joints)
+    nominal = WhitenedProblem(twin, recordings, knobs, joints, floor)
+    errors = nominal.step_errors(nominal.start)
+    return floor + np.mean([(_STEP_ERROR_SHARE * e).var(axis=0) for e in errors], axis=0), errors
 
 
 def _counts(knob: Knob, other: Knob) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -71,6 +71,10 @@ class Problem:
     def start(self) -> np.ndarray:
         """(p,) the knobs' own start in unit coordinates."""
         return np.array([knob.coordinate(knob.start) for knob in self.knobs])
+
+    def start_from(self, units: Mapping[str, float]) -> np.ndarray:
+        """(p,) unit coordinates: what is already known by knob name, else the knobs' own start."""
+        return np.array([units.get(k.name, u) for k, u in zip(self.knobs, self.start, strict=True)])
 
     def values(self, unit: np.ndarray) -> np.ndarray:
         """Unit coordinates (p,) -> values in the knobs' units."""

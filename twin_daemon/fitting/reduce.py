@@ -11,7 +11,7 @@ from twin_daemon.fitting.knobs import Knob
 from twin_daemon.fitting.problem import Problem
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.contacts import touching_parts
-from twin_daemon.simulation.submodel import parts, submodel
+from twin_daemon.simulation.submodel import parts, submodel, with_coupled
 from twin_daemon.simulation.twin import TwinModel
 
 _CONTACT_POSES = 60
@@ -26,8 +26,7 @@ class SubProblem:
 
     def start(self, units: dict[str, float]) -> np.ndarray:
         """(p,) unit coordinates: what is already known by knob name, else the knobs' own start."""
-        own = self.problem.start
-        return np.array([units.get(k.name, u) for k, u in zip(self.problem.knobs, own, strict=True)])
+        return self.problem.start_from(units)
 
     def restarted(self, units: dict[str, float]) -> Problem:
         """The same problem with what is already known as its start."""
@@ -70,11 +69,7 @@ def reduced_problems(
 def _needed(twin: TwinModel, recordings: Sequence[Aligned], members: set[str], needed: set[str]) -> tuple[str, ...]:
     """Of some members, the joints that move, are fitted, or share an actuator with one that is; in the twin's order."""
     keep = {n for n in members if n in needed or any(r.moving[twin.joints.index(n)] for r in recordings)}
-    for row in twin.drive:
-        coupled = {twin.joints[j] for j in np.flatnonzero(row)}
-        if coupled & keep:
-            keep |= coupled
-    return tuple(n for n in twin.joints if n in keep)
+    return with_coupled(twin, keep)
 
 
 def _sub(

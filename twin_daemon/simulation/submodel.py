@@ -7,6 +7,7 @@ when it moves, and is welded where it stands when it does not.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -80,6 +81,16 @@ def upwards(model: mujoco.MjModel, body: int) -> list[int]:
         body = int(model.body_parentid[body])
         chain.append(body)
     return chain
+
+
+def with_coupled(twin: TwinModel, joints: Collection[str]) -> tuple[str, ...]:
+    """The joints and those that share an actuator with one of them, in the twin's order."""
+    keep = set(joints)
+    for row in twin.drive:
+        coupled = {twin.joints[j] for j in np.flatnonzero(row)}
+        if coupled & keep:
+            keep |= coupled
+    return tuple(n for n in twin.joints if n in keep)
 
 
 def submodel(twin: TwinModel, keep: tuple[str, ...], position: np.ndarray, *, contacts: bool = False) -> TwinModel:
