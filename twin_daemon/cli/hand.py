@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from twin_daemon.cli.console import people, plain_text
 from twin_daemon.cli.options import HandName, Model, Seconds, Seed
 from twin_daemon.cli.run import Endpoint, Namespace, load_named
-from twin_daemon.errors import BadInput
+from twin_daemon.cli.session import require_folder
+from twin_daemon.errors import BadInput, UsageError
 
 if TYPE_CHECKING:
     from twin_daemon.hand import Hand
+    from twin_daemon.plant import Plant
     from twin_daemon.signals.trajectory import Trajectory
 
 log = logging.getLogger("twin.hand")
@@ -26,7 +31,11 @@ def command(
     ] = None,
     trajectory: Annotated[
         str | None,
-        typer.Option("--trajectory", metavar="NAME", help="Its own motion, repeated; 'none': it waits for commands."),
+        typer.Option(
+            "--trajectory",
+            metavar="NAME",
+            help="Its own motion, repeated; 'none': it waits for commands; with --output also slow_closing.",
+        ),
     ] = None,
     rate: Annotated[
         float | None, typer.Option("--rate", metavar="HZ", min=1.0, max=1000.0, help="Joint states a second.")
@@ -34,6 +43,17 @@ def command(
     spread: Annotated[
         float, typer.Option("--spread", metavar="0..1", help="How far its parameters lie from the nominal model's.")
     ] = 0.2,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE.mcap", help="Write a recording at once instead of going live."),
+    ] = None,
+    joint: Annotated[
+        list[str] | None,
+        typer.Option("--joint", metavar="J...", help="With --output: which joints move richly; default all."),
+    ] = None,
+    take: Annotated[
+        int, typer.Option("--take", metavar="N", min=0, help="With --output: another rich motion of the same hand.")
+    ] = 0,
     seed: Seed = 0,
     hand: HandName = None,
     model: Model = None,
@@ -41,7 +61,10 @@ def command(
     endpoint: Endpoint = None,
     seconds: Seconds = None,
 ) -> int:
-    """A stand-in for the real hand, worn as you like, that moves by itself until somebody commands it."""
+    """A stand-in for the real hand, worn as you like, that moves by itself until somebody commands it.
+
+    With --output it needs no network and no time: it writes what the bus would have carried as a ROS 2 bag.
+    """
     from bridges.connection import Connection
     from bridges.session import choose_endpoint
     from bridges.stand_in import StandIn
@@ -52,6 +75,11 @@ def command(
     chosen = load_named(hand, model, namespace)
     effects = [parse_hidden(text, chosen) for text in hidden or []]
     plant = Plant(chosen, seed=seed, hidden=effects, spread=spread)
+    if output is not None:
+        write_recording(plant, trajectory, joint or [], output, seconds or 30.0, rate, take)
+        return 0
+    if joint:
+        raise UsageError("--joint chooses what moves in a recording", todo="Give --output as well, or a --trajectory")
     motion = own_motion(chosen, trajectory)
     stand_in = StandIn(plant, chosen.description, rate or chosen.description.rate_hz, motion)
     address = choose_endpoint(endpoint)
@@ -71,6 +99,37 @@ def command(
         done.followed_commands,
     )
     return 0
+
+
+def write_recording(
+    plant: Plant,
+    reference: str | None,
+    joints: Sequence[str],
+    output: Path,
+    seconds: float,
+    rate: float | None,
+    take: int,
+) -> None:
+    """Runs the plant through a trajectory, or a rich motion of the joints (all if none), into a new MCAP file."""
+    from twin_daemon.plant.motions import rich, slow_closing
+    from twin_daemon.plant.recording import record
+    from twin_daemon.signals.trajectory import load_trajectory
+
+    require_folder(output)
+    if output.exists():
+        raise BadInput("the file exists, and a recording is never written over", where=output, todo="Name another one")
+    if output.suffix != ".mcap":
+        raise UsageError(f"'{output.name}' is not an MCAP file", allowed="a name that ends in .mcap")
+    if reference is not None and joints:
+        raise UsageError("--trajectory and --joint exclude each other", todo="Give one of them")
+    if reference is None:
+        motion = rich(plant.hand, joints, seconds, take)
+    elif reference == slow_closing.__name__:
+        motion = slow_closing(plant.hand)
+    else:
+        motion = load_trajectory(reference, plant.hand)
+    run = record(plant, motion, output, rate_hz=rate, jitter_s=0.0005, seed=take)
+    people().print(f"{len(run.time_s)} joint states over {run.time_s[-1]:.1f} s written to {plain_text(output)}")
 
 
 def own_motion(hand: Hand, reference: str | None) -> Trajectory | None:

@@ -84,6 +84,16 @@ def _payload(session: Session, ladder: Ladder, train: list[Aligned], held: list[
         "interrupted": ladder.interrupted,
         "parent": session.version,
         "terms": ladder.twin.terms.as_json(),
+        "parameters": {
+            name: {
+                "value": p.value,
+                "unit": p.unit,
+                "ci95": [p.interval.lower, p.interval.upper],
+                "at_bound": p.at_bound,
+                "identifiable": p.interval.identifiability,
+            }
+            for name, p in ladder.parameters.items()
+        },
     }
 
 
@@ -101,8 +111,9 @@ def _store(
         "holdout_before": {"mse_rad2": first.holdout_mse_rad2},
         "holdout_after": {"mse_rad2": last.holdout_mse_rad2},
     }
+    fitted = {"parameters": payload["parameters"]}
     title = "ladder: " + ", ".join(f"{step.effect} at {step.target}" for step in added)
-    draft = draft_of(session, ladder.twin, "effect_added", title, {**errors, "seed": seed}, train, held)
+    draft = draft_of(session, ladder.twin, "effect_added", title, {**errors, "seed": seed, **fitted}, train, held)
     return session.store.add(draft, ladder.twin.mjcf(), alias="candidate").id
 
 
@@ -110,7 +121,8 @@ def _show(payload: dict[str, Any], ladder: Ladder, json: str | None) -> None:
     console = people(json)
     table = slim_table("the error by what was added", ("step", "fitted rad²", "held out rad²", "then it is"))
     for number, step in enumerate(ladder.steps):
-        label = "start" if step.effect is None else f"{step.effect} at {step.target}"
+        alone = "all values together" if step.together else "start"
+        label = alone if step.effect is None else f"{step.effect} at {step.target}"
         said = "-" if step.verdict is None else step.verdict.replace("_", " ")
         table.add_row(plain_text(f"{number} {label}"), _number(step.mse_rad2), _number(step.holdout_mse_rad2), said)
     console.print(table)

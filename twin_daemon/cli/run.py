@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from twin_daemon.cli.options import HandName, Model, Seconds, VersionRef
+from twin_daemon.cli.session import silence_mujoco
 from twin_daemon.errors import BadInput, TwinError
 
 if TYPE_CHECKING:
@@ -90,13 +91,6 @@ def load_named(hand: str | None, model: Path | None, namespace: str | None) -> H
     if namespace is None:
         return loaded
     return replace(loaded, description=loaded.description.model_copy(update={"namespace": namespace}))
-
-
-def silence_mujoco() -> None:
-    """MuJoCo would write its warnings into the working folder; the model itself is watched for them."""
-    import mujoco
-
-    mujoco.set_mju_user_warning(lambda message: log.debug("MuJoCo: %s", message))
 
 
 def _chores(service: TwinService, source: ModelSource, notifier: Any) -> Callable[[], None]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from twin_daemon.versions import VersionStore
 
 NOMINAL = "nominal"
+log = logging.getLogger("twin")
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,7 @@ def open_session(
 
     if version is not None and terms is not None:
         raise UsageError("--version and --terms exclude each other", todo="Give one of them")
+    silence_mujoco()
     found = load_hand(hand, model)
     store = VersionStore(found.name)
     nominal = TwinModel.load(found)
@@ -78,6 +81,16 @@ def open_session(
     if record is None:
         return Session(found, nominal, None, store, joint_map)
     return Session(found, nominal.changed(_terms(record.terms)), record.id, store, joint_map)
+
+
+def silence_mujoco() -> None:
+    """MuJoCo would print its warnings and write them into the working folder; roll-outs are watched for them.
+
+    A search tries models that diverge: that is what it learns from.
+    """
+    import mujoco
+
+    mujoco.set_mju_user_warning(lambda message: log.debug("MuJoCo: %s", message))
 
 
 def require_folder(*paths: str | Path | None) -> None:

@@ -1,4 +1,8 @@
-"""The ladder: diagnose, add the strongest finding, refit, and again, until nothing passes the gate."""
+"""The ladder: diagnose, add the strongest finding, refit, and again, until nothing passes the gate.
+
+The first effects explain most. Once a further one would not even halve the error, the values of all that is there are
+fitted together, in free roll-outs: what a wrong value leaves behind would else be given another effect's name.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +17,8 @@ from twin_daemon.diagnosis.refit import refit_effect, refit_parameters
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding, VerdictName
 from twin_daemon.effects import LIBRARY
 from twin_daemon.errors import BadInput
+from twin_daemon.fitting.calibrate import FittedParameter, calibrate
+from twin_daemon.fitting.spaces import load_space
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.submodel import parts
 from twin_daemon.simulation.twin import TwinModel
@@ -27,8 +33,9 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Step:
-    """The twin after one more effect (none in the first step), and what the diagnosis says of it then.
+    """The twin after one more effect, and what the diagnosis says of it then.
 
+    `effect` is None in the first step, and in one that fits the values of all effects and parameters `together`.
     Errors in rad^2 over the joints that move. `parameters` are the effect's fitted values.
     """
 
@@ -39,6 +46,7 @@ class Step:
     mse_rad2: float | None
     holdout_mse_rad2: float | None
     verdict: VerdictName | None
+    together: bool = False
 
 
 @dataclass
@@ -51,6 +59,12 @@ class Ladder:
     refused: list[str] = field(default_factory=list)
     parameters_alone: tuple[float | None, float | None] = (None, None)
     interrupted: bool = False
+    parameters: dict[str, FittedParameter] = field(default_factory=dict)
+
+    @property
+    def added(self) -> int:
+        """How many effects have been added."""
+        return sum(step.effect is not None for step in self.steps)
 
 
 def mean_error(twin: TwinModel, recordings: Sequence[Aligned]) -> float | None:
@@ -77,23 +91,42 @@ def climb(
     speak = say or (lambda _: None)
     ladder = Ladder(twin, [_step(None, {}, twin, train, holdout, None)])
     open_parts: dict[str, Diagnosis] = {}
+
+    def look(only: str | None) -> None:
+        _look(ladder.twin, train, holdout, only, open_parts, seed, speak)
+        ladder.steps[-1] = _judged(ladder.steps[-1], open_parts)
+
+    def fit_together() -> bool:
+        speak("fitting the values of all effects and parameters together")
+        found = _fit_together(ladder, train, holdout, seed)
+        if found:
+            look(None)
+        return found
+
+    together = False
     try:
-        _look(ladder.twin, train, holdout, None, open_parts, seed, speak)
-        ladder.steps[0] = _judged(ladder.steps[0], open_parts)
+        look(None)
         if ladder.steps[0].verdict not in ("not_excited", "within_noise"):
             alone = twin.changed(twin.terms.with_parameters(refit_parameters(twin, train)))
             ladder.parameters_alone = (mean_error(alone, train), mean_error(alone, holdout))
-        while len(ladder.steps) <= max_steps:
+        while ladder.added < max_steps:
             part, finding = _strongest(open_parts, set(ladder.refused))
             if finding is None:
                 break
             speak(f"adding {finding.effect} at {finding.target}")
-            if not _add(ladder, finding, train, holdout):
+            step = _with(ladder, finding, train, holdout)
+            if step is None:
                 ladder.refused.append(_name(finding))
                 continue
-            again = None if finding.target == "hand" else part
-            _look(ladder.twin, train, holdout, again, open_parts, seed, speak)
-            ladder.steps[-1] = _judged(ladder.steps[-1], open_parts)
+            if not together and ladder.added and not _halves(ladder.twin, step[0], finding.joints, train):
+                together = True
+                if fit_together():
+                    continue
+            ladder.twin, rung = step
+            ladder.steps.append(rung)
+            look(None if finding.target == "hand" else part)
+        if not together and ladder.added and ladder.steps[-1].verdict == "unexplained":
+            fit_together()
     except KeyboardInterrupt:
         ladder.interrupted = True
     gravest = _gravest(open_parts)
@@ -136,8 +169,10 @@ def _name(finding: Finding) -> str:
     return f"{finding.effect}:{finding.target}"
 
 
-def _add(ladder: Ladder, finding: Finding, train: Sequence[Aligned], holdout: Sequence[Aligned]) -> bool:
-    """Refits and adds a finding; False where it cannot stand beside the others or held-out motion gets worse."""
+def _with(
+    ladder: Ladder, finding: Finding, train: Sequence[Aligned], holdout: Sequence[Aligned]
+) -> tuple[TwinModel, Step] | None:
+    """The twin with a finding, refitted; None where it cannot stand beside the others or held-out motion gets worse."""
     twin, effect = ladder.twin, LIBRARY[finding.effect]
     start = effect.complete({name: p.value for name, p in finding.parameters.items()})
     try:
@@ -145,15 +180,36 @@ def _add(ladder: Ladder, finding: Finding, train: Sequence[Aligned], holdout: Se
         terms = twin.terms.with_effect(refit.terms[0]).with_parameters(refit.parameters)
         changed = twin.changed(terms)
     except BadInput:
-        return False
+        return None
     values = {name: refit.terms[0].values[name] for name in finding.parameters}
     step = _step(finding, values, changed, train, holdout, None)
-    before = ladder.steps[-1].holdout_mse_rad2
-    if step.holdout_mse_rad2 is None or before is None or not step.holdout_mse_rad2 < before:
-        return False
-    ladder.twin = changed
-    ladder.steps.append(step)
-    return True
+    return (changed, step) if _better(step, ladder.steps[-1]) else None
+
+
+def _better(step: Step, before: Step) -> bool:
+    new, old = step.holdout_mse_rad2, before.holdout_mse_rad2
+    return new is not None and old is not None and new < old
+
+
+def _halves(before: TwinModel, after: TwinModel, joints: Sequence[str], recordings: Sequence[Aligned]) -> bool:
+    """Whether the error of these joints falls by half or more."""
+    old, new = (
+        mean_over_moving(pooled([compare_recording(twin, r) for r in recordings]), joints) for twin in (before, after)
+    )
+    return old is not None and new is not None and new < 0.5 * old
+
+
+def _fit_together(ladder: Ladder, train: Sequence[Aligned], holdout: Sequence[Aligned], seed: int) -> bool:
+    """Fits all values at once, and keeps them if held-out motion gets better; whether it did."""
+    found = calibrate(ladder.twin, train, holdout, load_space("with-effects"), "multi-start", seed=seed)
+    changed = ladder.twin.changed(found.terms)
+    step = replace(_step(None, {}, changed, train, holdout, None), together=True)
+    if _better(step, ladder.steps[-1]):
+        ladder.twin, ladder.parameters = changed, found.parameters
+        ladder.steps.append(step)
+    if found.interrupted:
+        raise KeyboardInterrupt
+    return ladder.steps[-1] is step
 
 
 def _step(

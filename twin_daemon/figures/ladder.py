@@ -56,7 +56,9 @@ def ladder_figure(
 
 
 def _label(step: Mapping[str, Any]) -> str:
-    return "start" if step["effect"] is None else f"{step['effect']}<br>{step['target']}"
+    if step["effect"] is None:
+        return "all values<br>together" if step.get("together") else "start"
+    return f"{step['effect']}<br>{step['target']}"
 
 
 def _level(labels: Sequence[str], value: float, name: str, colour: str, dash: str) -> go.Scatter:

@@ -15,16 +15,18 @@ from twin_daemon.fitting.intervals import Interval, intervals
 from twin_daemon.fitting.knobs import Knob
 from twin_daemon.fitting.partwise import PartwiseSearch
 from twin_daemon.fitting.reduce import SubProblem, reduced_problems
-from twin_daemon.fitting.searches import SEARCHES, Search
+from twin_daemon.fitting.searches import DESCENTS, SEARCHES, Search
 from twin_daemon.fitting.searches.least_squares import descend
 from twin_daemon.fitting.spaces import Space, knobs_of, objective_of
 from twin_daemon.fitting.tracker import Progress, Tracker
 from twin_daemon.simulation.alignment import Aligned
+from twin_daemon.simulation.submodel import parts
 from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
 
 _POLISH_ITERATIONS = 10
 _POLISH_SHARE = 0.2  # of a budget
+_ONSET_REACH_S = 0.15  # what a drive's lag can be
 
 
 @dataclass(frozen=True)
@@ -89,15 +91,19 @@ def calibrate(
     problems: list[SubProblem] = []
 
     def current() -> TwinModel:
-        values = {name: value for sub in problems for name, value in sub.parameters(found.units).items()}
-        return twin.changed(start.terms.with_parameters(values))
+        terms = start.terms
+        for sub in problems:
+            terms = sub.added_to(terms, found.units)
+        return twin.changed(terms)
 
     interrupted = False
     try:
         for stage, share in _stages(search, train, budget):
             if found.units:
                 aligned = judged(current(), train, objective)[1]
-            problems = reduced_problems(start, excerpts(aligned), knobs, objective, separable=search == "least-squares")
+            pieces = excerpts(aligned)
+            turned = (*knobs, *onset_knobs(twin, pieces)) if stage is not _polish and search in DESCENTS else knobs
+            problems = reduced_problems(start, pieces, turned, objective, separable=search in DESCENTS)
             found.run(problems, stage, share, seed)
     except KeyboardInterrupt:
         if not found.units:  # nothing has been evaluated yet: there is nothing to keep
@@ -126,12 +132,34 @@ def _stages(search: str, train: Sequence[Aligned], budget: int | None) -> list[t
 
     An estimated onset depends on the parameters and they on it: search, align anew, polish.
     """
-    if search != "least-squares" or not any(r.onset_free for r in train):
+    if search not in DESCENTS or not any(r.onset_free for r in train):
         return [(SEARCHES[search], budget)]
     if budget is None:
         return [(SEARCHES[search], None), (_polish, None)]
     last = int(_POLISH_SHARE * budget)
     return [(SEARCHES[search], budget - last), (_polish, last)] if last else [(SEARCHES[search], budget)]
+
+
+def onset_knobs(twin: TwinModel, pieces: Sequence[Aligned]) -> list[Knob]:
+    """Each part's own correction (s) of an estimated onset, while nothing better is known.
+
+    It depends on the lag of every part's drive. Once these are fitted, the recording is aligned anew, as a whole.
+    """
+    free = [index for index, piece in enumerate(pieces) if piece.onset_free]
+    return [
+        Knob(
+            name=f"{part.name}.onset.{index}",
+            unit="s",
+            lower=-_ONSET_REACH_S,
+            upper=_ONSET_REACH_S,
+            start=0.0,
+            log=False,
+            writes=(("onset", str(index)),),
+            joints=part.joints,
+        )
+        for part in parts(twin)
+        for index in free
+    ]
 
 
 def _polish(tracker: Tracker, budget: int | None, seed: int) -> None:
@@ -160,6 +188,8 @@ def _fitted(problems: Sequence[SubProblem], units: dict[str, float]) -> dict[str
         point = sub.start(units)
         spans = intervals(sub.problem, point)
         for knob, unit, span in zip(sub.problem.knobs, point, spans, strict=True):
+            if knob.writes[0][0] == "onset":
+                continue
             value = knob.value(unit)
             out[knob.name] = FittedParameter(value, knob.unit, knob.lower, knob.upper, knob.at_bound(value), span)
     return out

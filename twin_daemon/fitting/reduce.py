@@ -12,6 +12,7 @@ from twin_daemon.fitting.problem import Problem
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.contacts import touching_parts
 from twin_daemon.simulation.submodel import parts, submodel, with_coupled
+from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
 
 _CONTACT_POSES = 60
@@ -35,9 +36,15 @@ class SubProblem:
         knobs = tuple(replace(k, start=float(v)) for k, v in zip(old.knobs, values, strict=True))
         return Problem(old.twin, old.recordings, knobs, old.objective, threads=old.threads)
 
-    def parameters(self, units: dict[str, float]) -> dict[str, float]:
-        """The model parameters by name at a point."""
-        return self.problem.settings(self.start(units))[0]
+    def added_to(self, terms: Terms, units: dict[str, float]) -> Terms:
+        """The terms with what this problem's knobs turn, at a point."""
+        parameters, effects, _ = self.problem.settings(self.start(units))
+        turned = {w[1] for k in self.problem.knobs for w in k.writes if w[0] == "effect"}
+        terms = terms.with_parameters(parameters)
+        for term in effects or ():
+            if f"{term.effect}:{term.target}" in turned:
+                terms = terms.with_effect(term)
+        return terms
 
 
 def reduced_problems(

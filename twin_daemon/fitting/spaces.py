@@ -9,6 +9,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from twin_daemon.errors import BadInput, nearest
+from twin_daemon.fitting.effect_knobs import knobs_of_effects, named_value_knobs
 from twin_daemon.fitting.knobs import Knob
 from twin_daemon.simulation.parameters import KINDS, ParameterKind
 from twin_daemon.simulation.twin import TwinModel
@@ -22,7 +23,7 @@ class SpaceEntry(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    kind: str
+    kind: str = Field(description="a kind of parameter; 'effects' for all that the twin has; 'effect.value' for one")
     of: list[str] = Field(description="groups, joints, commands or bodies; 'moving' and 'driving' follow the data")
     share: bool = Field(default=False, description="one value for all of a group instead of one for each member")
     lower: float | None = None
@@ -68,6 +69,14 @@ def knobs_of(space: Space, twin: TwinModel, moving: tuple[str, ...]) -> tuple[Kn
     """The knobs of a space on one twin; `moving` are the joints that move in the data."""
     knobs: list[Knob] = []
     for entry in space.parameters:
+        if entry.kind == "effects":
+            knobs += knobs_of_effects(twin, [n for item in entry.of for n in _named(item, twin, moving)])
+            continue
+        if "." in entry.kind:
+            targets = [n for item in entry.of for n in _named(item, twin, moving)]
+            new = named_value_knobs(twin, entry.kind, targets, space.name, entry.reach)
+            knobs += [k for k in new if k.name not in {known.name for known in knobs}]
+            continue
         if entry.kind not in KINDS:
             raise BadInput(f"space '{space.name}': no parameter kind '{entry.kind}'", todo=nearest(entry.kind, KINDS))
         kind = KINDS[entry.kind]
@@ -136,7 +145,7 @@ def _moved_bodies(twin: TwinModel, moving: tuple[str, ...]) -> list[str]:
 
 
 def _knob(entry: SpaceEntry, kind: ParameterKind, twin: TwinModel, label: str, members: list[str], space: str) -> Knob:
-    current = float(twin.parameter(members[0]).read(twin.model))
+    current = float(twin.parameter(members[0]).read(twin.base_model))
     start = current if entry.start is None else entry.start
     lower = kind.lower if entry.lower is None else entry.lower
     upper = kind.upper if entry.upper is None else entry.upper

@@ -7,7 +7,7 @@ import numpy as np
 from ..rig import REFERENCE_STEP_S
 from .base import Mechanism, State
 
-_CROSSING_S = 0.01
+_CROSSING_S = 0.001
 _MOTOR_SHARE = 0.5
 
 
