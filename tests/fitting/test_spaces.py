@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 import yaml
 
+from twin_daemon.effects import LIBRARY
 from twin_daemon.errors import BadInput
 from twin_daemon.fitting.problem import Problem
 from twin_daemon.fitting.spaces import knobs_of, load_space, objective_of, space_names
 from twin_daemon.simulation.parameters import KINDS
+from twin_daemon.simulation.terms import EffectTerm
 from twin_daemon.simulation.twin import TwinModel
 
 CONTRACT = {"physical", "first-approach", "second-approach", "thumb", "inertial"}
@@ -83,9 +85,39 @@ def test_a_space_of_ones_own(tmp_path: Path, twin: TwinModel) -> None:
     assert [k.name for k in knobs] == ["rh_FFJ3.damping"]
 
 
+def test_values_of_effects_are_turned_where_they_are(tmp_path: Path, twin: TwinModel) -> None:
+    space = load_space(own(tmp_path, parameters=[{"kind": "effects", "of": ["moving"]}]))
+    there = EffectTerm(effect="backlash", target="rh_FFJ3", values={"gap": 0.03, "motor_share": 0.2})
+    changed = twin.changed(twin.terms.with_effect(there))
+    knobs = {k.name: k for k in knobs_of(space, changed, ("rh_FFJ3",))}
+    assert knobs["backlash:rh_FFJ3.gap"].start == pytest.approx(0.03)
+    with pytest.raises(BadInput, match="turns nothing"):
+        knobs_of(space, changed, ("rh_MFJ3",))
+
+
+def test_an_effect_of_one_value_can_be_turned_without_having_been_added(tmp_path: Path, twin: TwinModel) -> None:
+    entry = {"kind": "sensor_offset.offset", "of": ["moving"], "reach": 0.03}
+    (knob,) = knobs_of(load_space(own(tmp_path, parameters=[entry])), twin, ("rh_FFJ3",))
+    assert (knob.lower, knob.start, knob.upper) == (-0.03, 0.0, 0.03)
+    candidate = Problem(twin, [], (knob,), ["rh_FFJ3"]).candidate(np.array([1.0]))
+    assert candidate.measurement.offset_rad["rh_FFJ3"] == pytest.approx(0.03)
+
+
+def test_a_parameter_starts_where_the_model_has_it_before_its_effects(twin: TwinModel) -> None:
+    # the coupling moves the range of the distal joint away to put a limit of its own in its place
+    there = EffectTerm(effect="coupling", target="rh_FFJ0", values=LIBRARY["coupling"].complete({}))
+    changed = twin.changed(twin.terms.with_effect(there))
+    knobs = {k.name: k for k in knobs_of(load_space("with-effects"), changed, ("rh_FFJ1", "rh_FFJ2"))}
+    lower = twin.parameter("rh_FFJ1.range_lower").read(twin.model)
+    assert knobs["rh_FFJ1.range_lower"].start == pytest.approx(lower)
+
+
 @pytest.mark.parametrize(
     ("entry", "says"),
     [
+        ({"kind": "backlsh.gap", "of": ["moving"]}, "Did you mean 'backlash'"),
+        ({"kind": "sensor_offset.offst", "of": ["moving"]}, "Did you mean 'offset'"),
+        ({"kind": "backlash.gap", "of": ["driving"]}, "2 parameters.*effects"),
         ({"kind": "dampin", "of": ["moving"]}, "Did you mean 'damping'"),
         ({"kind": "damping", "of": ["rh_XXJ3"]}, "no joint or command 'rh_XXJ3'"),
         ({"kind": "damping", "of": ["moving"], "lower": -1.0}, "not physical.*Allowed"),

@@ -42,10 +42,13 @@ def command(
 
     require_folder(json, plot)
     session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)
-    train, held, notes = train_and_held(session, session.recordings(recording, trajectory), holdout, trajectory)
+    whole = session.recordings(recording, trajectory)
+    train, held, notes = train_and_held(session, whole, holdout, trajectory)
     began = time.perf_counter()
     with streaming() as say:
-        ladder = climb(session.twin, train, held, max_steps=max_steps, seed=seed, say=say)
+        ladder = climb(
+            session.twin, train, held, max_steps=max_steps, whole=() if holdout else whole, seed=seed, say=say
+        )
     payload = {**_payload(session, ladder, train, held), "notes": notes, "seed": seed}
     payload["version"] = _store(session, ladder, payload, train, held, seed)
     payload["wall_s"] = time.perf_counter() - began
@@ -104,12 +107,12 @@ def _store(
     added = [step for step in ladder.steps if step.effect is not None]
     if not added:
         return session.version
-    first, last = ladder.steps[0], ladder.steps[-1]
+    first, last, judged = ladder.steps[0], ladder.steps[-1], ladder.last_judged
     errors = {
         "before": {"mse_rad2": first.mse_rad2},
         "after": {"mse_rad2": last.mse_rad2},
         "holdout_before": {"mse_rad2": first.holdout_mse_rad2},
-        "holdout_after": {"mse_rad2": last.holdout_mse_rad2},
+        "holdout_after": {"mse_rad2": judged.holdout_mse_rad2},
     }
     fitted = {"parameters": payload["parameters"]}
     title = "ladder: " + ", ".join(f"{step.effect} at {step.target}" for step in added)
@@ -122,6 +125,8 @@ def _show(payload: dict[str, Any], ladder: Ladder, json: str | None) -> None:
     table = slim_table("the error by what was added", ("step", "fitted rad²", "held out rad²", "then it is"))
     for number, step in enumerate(ladder.steps):
         alone = "all values together" if step.together else "start"
+        if step.together and step.holdout_mse_rad2 is None:
+            alone = "the same, on all of the recording"
         label = alone if step.effect is None else f"{step.effect} at {step.target}"
         said = "-" if step.verdict is None else step.verdict.replace("_", " ")
         table.add_row(plain_text(f"{number} {label}"), _number(step.mse_rad2), _number(step.holdout_mse_rad2), said)
@@ -140,7 +145,8 @@ def _show(payload: dict[str, Any], ladder: Ladder, json: str | None) -> None:
     if last.verdict is not None:
         console.print(f"[bold]{IN_WORDS[last.verdict]}[/] {plain_text(payload['reason'])}")
     raw = payload["references"]["raw_command"]["holdout_mse_rad2"]
-    if raw is not None and last.holdout_mse_rad2 is not None and last.holdout_mse_rad2 >= raw:
+    unseen = ladder.last_judged.holdout_mse_rad2
+    if raw is not None and unseen is not None and unseen >= raw:
         console.print("[bold]The raw command still predicts held-out motion better[/]: do not promote it")
     for name in payload["refused"]:
         console.print(f"{plain_text(name)} was found, but makes held-out motion no better: not added")

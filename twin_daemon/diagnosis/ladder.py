@@ -28,6 +28,8 @@ _GRAVEST: tuple[VerdictName, ...] = ("unexplained", "ambiguous", "explained", "w
 
 _NOTHING_MOVES = "no joint moves by more than 0.05 rad: record steps, two speeds, small reversals and holds"
 
+_TOGETHER = "with-effects"  # the space of all values
+
 Say = Callable[[str], None]
 
 
@@ -66,6 +68,11 @@ class Ladder:
         """How many effects have been added."""
         return sum(step.effect is not None for step in self.steps)
 
+    @property
+    def last_judged(self) -> Step:
+        """The last step that held-out motion has judged; the first where there is none."""
+        return next((s for s in reversed(self.steps) if s.holdout_mse_rad2 is not None), self.steps[0])
+
 
 def mean_error(twin: TwinModel, recordings: Sequence[Aligned]) -> float | None:
     """Mean squared error (rad^2) of the twin over the joints that move; None where there is nothing to compare."""
@@ -80,13 +87,16 @@ def climb(
     holdout: Sequence[Aligned],
     *,
     max_steps: int,
+    whole: Sequence[Aligned] = (),
     seed: int = 0,
     say: Say | None = None,
 ) -> Ladder:
     """Adds one effect after another, each fitted on `train` and counted only where `holdout` gets better by it.
 
     With each effect the model's own parameters of its part are refitted under their priors; what these alone would
-    do, without any effect, is `parameters_alone`. Ctrl-C ends it; the steps done are in the answer.
+    do, without any effect, is `parameters_alone`. Where `holdout` was cut out of the same recordings, these are
+    `whole`: in the end the values are fitted to all of them, and nothing is left to judge that by. Ctrl-C ends it;
+    the steps done are in the answer.
     """
     speak = say or (lambda _: None)
     ladder = Ladder(twin, [_step(None, {}, twin, train, holdout, None)])
@@ -127,6 +137,11 @@ def climb(
             look(None if finding.target == "hand" else part)
         if not together and ladder.added and ladder.steps[-1].verdict == "unexplained":
             fit_together()
+        if whole and any(step.together for step in ladder.steps):
+            speak("fitting the same values to the whole recordings")
+            ladder.twin, ladder.parameters = _refitted(ladder.twin, whole, seed)
+            last = _step(None, {}, ladder.twin, whole, (), ladder.steps[-1].verdict)
+            ladder.steps.append(replace(last, together=True))
     except KeyboardInterrupt:
         ladder.interrupted = True
     gravest = _gravest(open_parts)
@@ -201,7 +216,7 @@ def _halves(before: TwinModel, after: TwinModel, joints: Sequence[str], recordin
 
 def _fit_together(ladder: Ladder, train: Sequence[Aligned], holdout: Sequence[Aligned], seed: int) -> bool:
     """Fits all values at once, and keeps them if held-out motion gets better; whether it did."""
-    found = calibrate(ladder.twin, train, holdout, load_space("with-effects"), "multi-start", seed=seed)
+    found = calibrate(ladder.twin, train, holdout, load_space(_TOGETHER), "multi-start", seed=seed)
     changed = ladder.twin.changed(found.terms)
     step = replace(_step(None, {}, changed, train, holdout, None), together=True)
     if _better(step, ladder.steps[-1]):
@@ -210,6 +225,14 @@ def _fit_together(ladder: Ladder, train: Sequence[Aligned], holdout: Sequence[Al
     if found.interrupted:
         raise KeyboardInterrupt
     return ladder.steps[-1] is step
+
+
+def _refitted(
+    twin: TwinModel, recordings: Sequence[Aligned], seed: int
+) -> tuple[TwinModel, dict[str, FittedParameter]]:
+    """Down from where the values are, on other recordings."""
+    found = calibrate(twin, recordings, (), load_space(_TOGETHER), "descent", seed=seed)
+    return twin.changed(found.terms), found.parameters
 
 
 def _step(

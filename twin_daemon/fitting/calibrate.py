@@ -103,7 +103,9 @@ def calibrate(
                 aligned = judged(current(), train, objective)[1]
             pieces = excerpts(aligned)
             turned = (*knobs, *onset_knobs(twin, pieces)) if stage is not _polish and search in DESCENTS else knobs
-            problems = reduced_problems(start, pieces, turned, objective, separable=search in DESCENTS)
+            problems = reduced_problems(
+                start, pieces, turned, objective, separable=search in DESCENTS, prior_weight=space.anchor_rad
+            )
             found.run(problems, stage, share, seed)
     except KeyboardInterrupt:
         if not found.units:  # nothing has been evaluated yet: there is nothing to keep

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -60,3 +60,15 @@ class Knob:
         """Whether the search stopped here because it was not allowed further."""
         coordinate = self.coordinate(value)
         return coordinate < 5e-3 or coordinate > 1.0 - 5e-3
+
+
+_FACTOR = 2.0
+_SIGNED_SHARE = 0.05  # of the box
+
+
+def anchored(knob: Knob) -> Knob:
+    """The knob with a wide belief about where it starts: within a factor of two, or a twentieth of its box."""
+    if knob.log:
+        return replace(knob, prior=Prior(float(np.log(knob.start)), float(np.log(_FACTOR))))
+    width = max(abs(knob.start), _SIGNED_SHARE * (knob.upper - knob.lower))
+    return replace(knob, prior=Prior(knob.start, width))

@@ -45,6 +45,7 @@ class Problem:
         objective: Sequence[str],
         *,
         threads: int | None = None,
+        prior_weight: float = 0.0,
     ) -> None:
         self.twin = twin
         self.recordings = tuple(recordings)
@@ -63,7 +64,7 @@ class Problem:
         weights = [np.isfinite(r.measured[:, self._columns]) for r in recordings]
         self._known = weights
         self._per_joint = np.maximum(sum(w.sum(axis=0) for w in weights), 1)
-        self.prior_weight = 0.0
+        self.prior_weight = prior_weight
 
     # -- points --------------------------------------------------------------------------------------------
 

@@ -34,7 +34,9 @@ class SubProblem:
         old = self.problem
         values = old.values(self.start(units))
         knobs = tuple(replace(k, start=float(v)) for k, v in zip(old.knobs, values, strict=True))
-        return Problem(old.twin, old.recordings, knobs, old.objective, threads=old.threads)
+        return Problem(
+            old.twin, old.recordings, knobs, old.objective, threads=old.threads, prior_weight=old.prior_weight
+        )
 
     def added_to(self, terms: Terms, units: dict[str, float]) -> Terms:
         """The terms with what this problem's knobs turn, at a point."""
@@ -48,7 +50,13 @@ class SubProblem:
 
 
 def reduced_problems(
-    twin: TwinModel, recordings: Sequence[Aligned], knobs: Sequence[Knob], objective: Sequence[str], *, separable: bool
+    twin: TwinModel,
+    recordings: Sequence[Aligned],
+    knobs: Sequence[Knob],
+    objective: Sequence[str],
+    *,
+    separable: bool,
+    prior_weight: float = 0.0,
 ) -> list[SubProblem]:
     """One sub-problem for each part of the hand that the knobs leave independent; one in all where they do not."""
     contacts = any(touching(twin, r) for r in recordings)
@@ -62,14 +70,14 @@ def reduced_problems(
         chosen = [p for p in found if needed & set(p.joints)]
         members = {n for p in chosen for n in (*p.joints, *p.trunk)}
         keep = _needed(twin, recordings, members, needed)
-        return [_sub(twin, recordings, knobs, objective, keep, contacts, 1.0)]
+        return [_sub(twin, recordings, knobs, objective, keep, contacts, 1.0, prior_weight)]
     out = []
     for part, own in groups:
         joints = [j for j in objective if j in part.joints]
         if own and joints:
             needed = {*joints, *(j for k in own for j in k.joints)}
             keep = _needed(twin, recordings, {*part.joints, *part.trunk}, needed)
-            out.append(_sub(twin, recordings, own, joints, keep, contacts, len(joints) / len(objective)))
+            out.append(_sub(twin, recordings, own, joints, keep, contacts, len(joints) / len(objective), prior_weight))
     return out
 
 
@@ -87,12 +95,13 @@ def _sub(
     keep: tuple[str, ...],
     contacts: bool,
     weight: float,
+    prior_weight: float,
 ) -> SubProblem:
     if contacts:
-        return SubProblem(Problem(twin, recordings, knobs, objective), weight)
+        return SubProblem(Problem(twin, recordings, knobs, objective, prior_weight=prior_weight), weight)
     small = submodel(twin, keep, recordings[0].start_position)
     cut = [restricted(r, small.joints) for r in recordings]
-    return SubProblem(Problem(small, cut, knobs, objective), weight)
+    return SubProblem(Problem(small, cut, knobs, objective, prior_weight=prior_weight), weight)
 
 
 def restricted(aligned: Aligned, joints: tuple[str, ...]) -> Aligned:

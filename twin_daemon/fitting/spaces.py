@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from twin_daemon.errors import BadInput, nearest
 from twin_daemon.fitting.effect_knobs import knobs_of_effects, named_value_knobs
-from twin_daemon.fitting.knobs import Knob
+from twin_daemon.fitting.knobs import Knob, anchored
 from twin_daemon.simulation.parameters import KINDS, ParameterKind
 from twin_daemon.simulation.twin import TwinModel
 
@@ -42,6 +42,9 @@ class Space(BaseModel):
     name: str
     about: str
     objective: list[str] = []
+    anchor_rad: float = Field(
+        default=0.0, ge=0.0, description="error that has to be gained to take a value by its own size from its start"
+    )
     parameters: list[SpaceEntry]
 
 
@@ -83,6 +86,8 @@ def knobs_of(space: Space, twin: TwinModel, moving: tuple[str, ...]) -> tuple[Kn
         for label, members in _members(entry, kind, twin, moving):
             if members:
                 knobs.append(_knob(entry, kind, twin, label, members, space.name))
+    if space.anchor_rad:
+        knobs = [anchored(knob) for knob in knobs]
     if not knobs:
         raise BadInput(f"space '{space.name}' turns nothing in this model", allowed="joints, groups and commands of it")
     return tuple(knobs)

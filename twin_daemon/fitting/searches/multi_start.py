@@ -24,7 +24,8 @@ _SIGNED = 0.02  # of the box: standard deviation of a value that is 0 or may cha
 def multi_start(tracker: Tracker, budget: int | None, seed: int) -> None:
     """Descends roughly from the best of a sample around the start, and from the best ends to the end."""
     problem, rng = tracker.problem, np.random.default_rng(seed)
-    spread = rng.standard_normal((_SAMPLES, len(problem.knobs)))
+    samples = _SAMPLES if budget is None else min(_SAMPLES, budget // 4)
+    spread = rng.standard_normal((samples, len(problem.knobs)))
     sample = np.array([[_near(k, z) for k, z in zip(problem.knobs, row, strict=True)] for row in spread])
     points = np.concatenate([problem.start[None], sample])
     order = np.argsort(tracker.cost(points), kind="stable")
