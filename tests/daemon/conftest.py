@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -41,7 +42,7 @@ def clock() -> Clock:
 
 @pytest.fixture
 def make_service(twin: TwinModel, clock: Clock) -> Callable[..., TwinService]:
-    def make(**settings: float) -> TwinService:
+    def make(**settings: Any) -> TwinService:
         return TwinService(
             twin, {"id": "nominal"}, DaemonSettings(**settings), monotonic_s=clock, wall_ns=clock.wall_ns
         )

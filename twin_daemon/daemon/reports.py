@@ -54,6 +54,7 @@ def state(service: TwinService) -> dict[str, Any]:
         "joints": joints,
         "commands": _commands(service),
         "prediction": _prediction(service),
+        "mirror": service.posture.at(mirror.position),
     }
 
 
@@ -92,9 +93,20 @@ def residual(service: TwinService) -> dict[str, Any]:
         "stamp_ns": service.stamp_ns,
         "window_s": service.settings.residual_window_s,
         "mse_rad2": number(mean),
+        "promoted_mse_rad2": _promoted_error(service.version_info),
         "joints": joints,
         "prediction": _prediction(service),
     }
+
+
+def _promoted_error(version: dict[str, Any]) -> float | None:
+    """rad^2: what the version showed on motion that it had not seen, else on what it was fitted to."""
+    errors = version.get("errors") or {}
+    for name in ("holdout_after", "after"):
+        value = (errors.get(name) or {}).get("mse_rad2")
+        if value is not None:
+            return float(value)
+    return None
 
 
 def health(service: TwinService) -> dict[str, Any]:
@@ -123,7 +135,8 @@ def health(service: TwinService) -> dict[str, Any]:
             "anchors": dict(sorted(service.predictor.anchors.items())),
         },
         "loop": service.loop,
-        "events": [event.as_json() for event in service.events.recent(10)],
+        "timing": service.timing.as_json(),
+        "events": service.events.recent(10),
     }  # fmt: skip
 
 

@@ -9,19 +9,22 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from twin_daemon.daemon import reports
-from twin_daemon.daemon.drift import Drift
+from twin_daemon.daemon.drift import Alarm, Drift
 from twin_daemon.daemon.events import Event, EventLog
 from twin_daemon.daemon.intake import MAX_NAMES, Intake
-from twin_daemon.daemon.messages import JointSample, Output
+from twin_daemon.daemon.messages import JointSample, Output, number
 from twin_daemon.daemon.mirror import Mirror
+from twin_daemon.daemon.posture import Posture
 from twin_daemon.daemon.predictor import Predictor, as_sample
 from twin_daemon.daemon.residual import Residual
 from twin_daemon.daemon.settings import DaemonSettings
+from twin_daemon.daemon.timing import Timing
 from twin_daemon.simulation.twin import TwinModel
 
 # A command whose stamp is farther than this from the hand's clock was stamped by another clock.
@@ -41,6 +44,7 @@ class TwinService:
         settings: DaemonSettings | None = None,
         monotonic_s: Callable[[], float] = time.monotonic,
         wall_ns: Callable[[], int] = time.time_ns,
+        journal: Path | None = None,
     ) -> None:
         self.settings = settings or DaemonSettings()
         self.hand = twin.hand
@@ -49,10 +53,11 @@ class TwinService:
         self.monotonic_s = monotonic_s
         self.wall_ns = wall_ns
         self.started_s = monotonic_s()
-        self.events = EventLog()
+        self.events = EventLog(journal)
+        self.timing = Timing()
         self.mirror = Mirror(twin.joints)
         self.residuals = Residual(len(twin.joints), self.settings.residual_window_s)
-        self.drifts = Drift(twin.joints)
+        self.drifts = Drift(twin.joints, self.settings.drift_false_alarms_per_day)
         self.commands_received = 0
         self.command_counts: Counter[str] = Counter()
         self.command_arrival_s: float | None = None
@@ -71,14 +76,18 @@ class TwinService:
     def on_joint_state(self, sample: JointSample) -> Output | None:
         """One decoded joint state: checked, mirrored, predicted, compared. None if nothing of it was usable."""
         with self._lock:
-            accepted = self.intake.accept(sample, self.wall_ns())
+            arrival_ns = self.wall_ns()
+            accepted = self.intake.accept(sample, arrival_ns)
             if accepted is None:
                 return None
             if accepted.restarted:
                 self.mirror.forget()
                 self.residuals.clear()
+                self.timing.forget()
                 self.predictor.restart()
                 self._tell("stamps_restarted", "the stamps of the hand start again at an earlier time")
+            if self.timing.add(accepted.stamp_ns, arrival_ns) == "clock_jump":
+                self._tell("clock_jump", "the hand's clock was set: its stamps jump while its messages come in step")
             now_s = self.monotonic_s()
             self.mirror.update(accepted, now_s)
             return self._predict(accepted.stamp_ns, accepted.index, now_s)
@@ -94,7 +103,8 @@ class TwinService:
             residual[index] = self.mirror.position[index] - prediction.position[index]
             self.residuals.add(stamp_ns, residual)
             if following:
-                self.drifts.add(stamp_ns, residual)
+                for alarm in self.drifts.add(stamp_ns, residual, prediction.velocity):
+                    self._tell_drift(alarm)
         due = now_s - self._last_residual_s >= 1.0 / self.settings.residual_rate_hz
         if due:
             self._last_residual_s = now_s
@@ -170,6 +180,7 @@ class TwinService:
         self.predictor = predictor
         self.version_info = version
         self._mjcf: str | None = None
+        self.posture = Posture(twin)
 
     # -- out -----------------------------------------------------------------------------------------------
 
@@ -210,6 +221,10 @@ class TwinService:
         with self._lock:
             return reports.header(self) | self.drifts.as_json()
 
+    def recent_events(self) -> dict[str, Any]:
+        with self._lock:
+            return reports.header(self) | {"counts": dict(self.events.counts), "events": self.events.recent(200)}
+
     def version(self) -> dict[str, Any]:
         with self._lock:
             return reports.header(self) | self.version_info
@@ -225,8 +240,20 @@ class TwinService:
                     self._mjcf = known
         return reports.header(self) | {"version": version["id"], "joints": list(twin.joints), "mjcf": known}
 
-    def _tell(self, kind: str, text: str) -> None:
-        self.events.add(self.wall_ns(), kind, text)
+    def _tell(self, kind: str, text: str, data: dict[str, Any] | None = None) -> None:
+        self.events.add(self.wall_ns(), kind, text, data)
+
+    def _tell_drift(self, alarm: Alarm) -> None:
+        self._tell(
+            "drift",
+            f"{alarm.joint} drifts from its twin: {alarm.recent_rmse_rad:.4f} rad, once {alarm.baseline_rmse_rad:.4f}",
+            {
+                "joint": alarm.joint,
+                "since_ns": alarm.since_ns,
+                "baseline_rmse_rad": number(alarm.baseline_rmse_rad),
+                "recent_rmse_rad": number(alarm.recent_rmse_rad),
+            },
+        )
 
 
 def _joint_ranges(twin: TwinModel) -> tuple[np.ndarray, np.ndarray]:

@@ -20,7 +20,14 @@ class DaemonSettings(BaseModel):
     stale_after_s: float = Field(default=0.5, gt=0.0, le=60.0, description="data older than this are stale")
     residual_window_s: float = Field(default=10.0, ge=1.0, le=600.0, description="window of the running statistics")
     residual_rate_hz: float = Field(default=50.0, gt=0.0, le=1000.0, description="most residuals published per second")
+    drift_false_alarms_per_day: float = Field(
+        default=1 / 30, gt=0.0, le=100.0, description="of the drift test, for the whole hand"
+    )
     health_period_s: float = Field(default=1.0, ge=0.05, le=60.0, description="time between two health messages")
+    keep_minutes: float = Field(default=5.0, ge=0.0, le=120.0, description="what 'twin record --keep' can save; 0: off")
+    keep_mib: int = Field(default=64, ge=1, le=4096, description="memory for that; the shorter of both counts")
+    recordings_quota_mib: int = Field(default=2048, ge=1, description="most that the folder of recordings may hold")
+    recordings_rotate: bool = Field(default=False, description="remove the oldest kept recordings to make room")
 
 
 class TwinConfig(BaseModel):
