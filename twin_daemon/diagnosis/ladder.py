@@ -230,8 +230,8 @@ def _fit_together(ladder: Ladder, train: Sequence[Aligned], holdout: Sequence[Al
 def _refitted(
     twin: TwinModel, recordings: Sequence[Aligned], seed: int
 ) -> tuple[TwinModel, dict[str, FittedParameter]]:
-    """Down from where the values are, on other recordings."""
-    found = calibrate(twin, recordings, (), load_space(_TOGETHER), "descent", seed=seed)
+    """The values fitted together again, on other recordings."""
+    found = calibrate(twin, recordings, (), load_space(_TOGETHER), "multi-start", seed=seed)
     return twin.changed(found.terms), found.parameters
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from twin_daemon.fitting.searches.bayes import bayes
-from twin_daemon.fitting.searches.least_squares import descent, least_squares
+from twin_daemon.fitting.searches.least_squares import least_squares
 from twin_daemon.fitting.searches.multi_start import multi_start
 from twin_daemon.fitting.searches.pso import pso
 from twin_daemon.fitting.searches.random import random_search
@@ -21,11 +21,10 @@ class Search(Protocol):
 SEARCHES: dict[str, Search] = {
     "least-squares": least_squares,
     "multi-start": multi_start,
-    "descent": descent,
     "bayes": bayes,
     "pso": pso,
     "random": random_search,
 }
 
-DESCENTS = ("least-squares", "multi-start", "descent")
+DESCENTS = ("least-squares", "multi-start")
 """Searches that take the parts of a hand one after another, and are polished where an onset moved meanwhile."""

@@ -43,11 +43,6 @@ def least_squares(tracker: Tracker, budget: int | None, seed: int) -> None:
     descend(tracker, best, _ITERATIONS)
 
 
-def descent(tracker: Tracker, budget: int | None, seed: int) -> None:
-    """One descent from where the model is, for values that are nearly right."""
-    descend(tracker, tracker.problem.start, _ITERATIONS)
-
-
 class _Arrived(Exception):
     """The descent no longer gains."""
 
