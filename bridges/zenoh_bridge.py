@@ -13,6 +13,8 @@ import zenoh
 
 from bridges import cdr
 from bridges.inbox import Inbox
+from bridges.ring import Ring
+from bridges.ros_keys import RosKeys
 from bridges.stop import Stoppable
 from twin_daemon.daemon.messages import MalformedPayload
 from twin_daemon.daemon.service import TwinService
@@ -26,11 +28,20 @@ class ZenohBridge:
 
     The transport's threads only put bytes into the inbox; `run` is the loop. Questions are answered on the
     transport's threads under the service's own lock. `extra` adds questions, by the name of their key in the
-    hand's description; an answer gets what was asked beyond the key's fixed part ("" for the key itself).
+    hand's description; an answer gets what was asked beyond the key's fixed part ("" for the key itself). What goes
+    in and out is kept in `ring`, too. With `ros` the same streams go under a ROS 2 system's keys as well.
     """
 
-    def __init__(self, session: zenoh.Session, service: TwinService, extra: dict[str, Answer] | None = None) -> None:
+    def __init__(
+        self,
+        session: zenoh.Session,
+        service: TwinService,
+        extra: dict[str, Answer] | None = None,
+        ring: Ring | None = None,
+        ros: RosKeys | None = None,
+    ) -> None:
         self.service = service
+        self._ring = ring or Ring(0.0, 0)
         self.inbox = Inbox()
         self._session = session
         self._key = service.hand.description.key
@@ -56,20 +67,25 @@ class ZenohBridge:
                 "version": service.version,
                 "drift": service.drift,
                 "model": service.model,
+                "events": service.recent_events,
                 "health": self.health,
             }.items()
         }
         self._entities = [self._declare_question(key, answer) for key, answer in (answers | (extra or {})).items()]
-        self._entities += [self._subscribe(stream) for stream in ("joint_states", "joint_commands")]
+        self._entities += [self._subscribe(stream, self._key(stream)) for stream in ("joint_states", "joint_commands")]
+        self._ros = ros
+        if ros is not None:
+            self._entities += [self._subscribe(stream, key) for stream, key in ros.subscribed.items()]
+            self._publishers["ros"] = session.declare_publisher(
+                ros.published, encoding="application/cdr", congestion_control=zenoh.CongestionControl.DROP
+            )
         # last, so that whoever sees it can ask at once
         self._token = session.liveliness().declare_token(self._key("alive"))
 
     # -- declarations --------------------------------------------------------------------------------------
 
-    def _subscribe(self, stream: str) -> Any:
-        return self._session.declare_subscriber(
-            self._key(stream), lambda sample: self.inbox.put(stream, sample.payload.to_bytes())
-        )
+    def _subscribe(self, stream: str, key: str) -> Any:
+        return self._session.declare_subscriber(key, lambda sample: self.inbox.put(stream, sample.payload.to_bytes()))
 
     def _declare_question(self, name: str, answer: Answer) -> Any:
         key = self._key(name)
@@ -113,26 +129,35 @@ class ZenohBridge:
         except MalformedPayload as error:
             self.service.refuse(stream, error.kind)
             return
+        self._ring.add(stream, sample.stamp_ns, payload, arrival_s)
         if stream == "joint_commands":
             self.service.on_command(sample)
             return
         output = self.service.on_joint_state(sample)
         if output is None:
             return
-        self._publishers["twin_joint_states"].put(cdr.encode(output.prediction))
-        self._latency_s.append(time.monotonic() - arrival_s)
+        predicted = cdr.encode(output.prediction)
+        self._publishers["twin_joint_states"].put(predicted)
+        if self._ros is not None:
+            self._publishers["ros"].put(predicted, attachment=self._ros.attachment())
+        sent_s = time.monotonic()
+        self._latency_s.append(sent_s - arrival_s)
+        self._ring.add("twin_joint_states", output.prediction.stamp_ns, predicted, sent_s)
         if output.residual is not None:
-            self._put("residual", output.residual)
+            residual = self._put("residual", output.residual)
+            self._ring.add("residual", output.prediction.stamp_ns, residual.encode(), time.monotonic())
 
     def _publish_events(self) -> None:
         for event in self.service.take_events():
             log.info("%s: %s", event.kind, event.text)
             self._put("events", event.as_json())
 
-    def _put(self, name: str, value: dict[str, Any]) -> None:
-        self._publishers[name].put(json.dumps(value, allow_nan=False))
+    def _put(self, name: str, value: dict[str, Any]) -> str:
+        text = json.dumps(value, allow_nan=False)
+        self._publishers[name].put(text)
+        return text
 
-    def _guard(self, what: str, action: Callable[[], None]) -> None:
+    def _guard(self, what: str, action: Callable[[], object]) -> None:
         try:
             action()
         except Exception as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -23,11 +24,16 @@ class Question(StrEnum):
     version = "version"
     health = "health"
     drift = "drift"
+    events = "events"
+    diagnose = "diagnose"
+    diagnosis = "diagnosis"
     model = "model"
 
 
 def command(
-    question: Annotated[Question, typer.Argument(metavar="state|residual|version|health|drift|model")] = Question.state,
+    question: Annotated[
+        Question, typer.Argument(metavar="state|residual|version|health|drift|events|model|diagnose|diagnosis")
+    ] = Question.state,
     hand: HandName = None,
     model: Model = None,
     namespace: Namespace = None,
@@ -55,6 +61,10 @@ def _show(question: Question, answer: dict[str, Any]) -> None:
         console.print(_joints(answer, "residual", ("bias_rad", "rmse_rad", "max_abs_rad", "samples")))
     elif question is Question.drift:
         console.print(_joints(answer, answer["verdict"], ("baseline_rmse_rad", "recent_rmse_rad", "ratio")))
+    elif question is Question.events:
+        for event in answer["events"]:
+            when = datetime.fromtimestamp(event["stamp_ns"] * 1e-9, UTC).isoformat(" ", "seconds")
+            console.print(f"{when}  {plain_text(event['kind'])}: {plain_text(event['text'])}")
     elif question is Question.model:
         console.print(answer["mjcf"], markup=False, soft_wrap=True)
     else:

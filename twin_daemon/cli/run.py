@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import time
 from dataclasses import replace
@@ -13,10 +14,12 @@ import typer
 from twin_daemon.cli.options import HandName, Model, Seconds, VersionRef
 from twin_daemon.cli.session import silence_mujoco
 from twin_daemon.errors import BadInput, TwinError
+from twin_daemon.resources import state_dir
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from bridges.diagnoser import Diagnoser
     from twin_daemon.daemon.models import ModelSource
     from twin_daemon.daemon.service import TwinService
     from twin_daemon.hand import Hand
@@ -43,6 +46,11 @@ def command(
     seconds: Seconds = None,
 ) -> int:
     """Run the live twin: follow the hand, predict it, measure the error, answer questions. Ends on SIGTERM."""
+    from bridges.diagnoser import Diagnoser
+    from bridges.keep import Keeper
+    from bridges.metrics import MetricsServer
+    from bridges.ring import Ring
+    from bridges.ros_keys import RosKeys
     from bridges.session import choose_endpoint, open_daemon, someone_serves
     from bridges.stop import on_termination
     from bridges.zenoh_bridge import ZenohBridge
@@ -58,26 +66,36 @@ def command(
     silence_mujoco()
     source = ModelSource(chosen, version or settings.version)
     twin, info = source.load()
-    service = TwinService(twin, info, settings.daemon)
-    with on_termination() as stop:
+    journal = state_dir() / "hands" / chosen.description.namespace.replace("/", "_") / "events.jsonl"
+    service = TwinService(twin, info, settings.daemon, journal=journal)
+    ring = Ring(60.0 * settings.daemon.keep_minutes, settings.daemon.keep_mib * 2**20)
+    keeper = Keeper(ring, chosen.description, state_dir() / "recordings", settings.daemon)
+    with on_termination() as stop, contextlib.ExitStack() as stack:
         session, how = open_daemon(address)
-        try:
-            if how == "joined" and someone_serves(session, service.hand.description.key("alive")):
-                raise BadInput(
-                    f"a twin of {service.namespace} is served there already",
-                    where=address,
-                    todo="Stop it first, or run this one with another --namespace or --endpoint",
-                )
-            bridge = ZenohBridge(session, service, {"versions": source.answer})
-            notifier = Notifier()
-            where = f"listens at {address}" if how == "listens" else f"joined the router at {address}"
-            log.info("the twin of %s %s, version %s", service.namespace, where, info["id"])
-            notifier.say("READY=1")
-            bridge.run(stop, seconds, each_turn=_chores(service, source, notifier))
-            notifier.say("STOPPING=1")
-            bridge.close()
-        finally:
-            session.close()
+        stack.callback(session.close)
+        if how == "joined" and someone_serves(session, service.hand.description.key("alive")):
+            raise BadInput(
+                f"a twin of {service.namespace} is served there already",
+                where=address,
+                todo="Stop it first, or run this one with another --namespace or --endpoint",
+            )
+        keeper.open(session)
+        stack.callback(keeper.close)
+        ros = RosKeys(settings.ros) if settings.ros is not None else None
+        diagnoser = Diagnoser(keeper, service, _named_hand(hand or settings.hand, model or settings.model))
+        stack.callback(diagnoser.close)
+        answers = {"versions": source.answer, "diagnose": diagnoser.start, "diagnosis": diagnoser.latest}
+        bridge = ZenohBridge(session, service, answers, ring, ros)
+        stack.callback(bridge.close)
+        if settings.daemon.metrics_port is not None:
+            metrics = MetricsServer(settings.daemon.metrics_port, service, bridge.health)
+            stack.callback(metrics.close)
+        notifier = Notifier()
+        where = f"listens at {address}" if how == "listens" else f"joined the router at {address}"
+        log.info("the twin of %s %s, version %s", service.namespace, where, info["id"])
+        notifier.say("READY=1")
+        bridge.run(stop, seconds, each_turn=_chores(service, source, notifier, diagnoser))
+        notifier.say("STOPPING=1")
     accepted = service.health()["joint_states"]["accepted"]
     log.info("the twin of %s has stopped; it followed %d joint states", service.namespace, accepted)
     return 0
@@ -93,8 +111,13 @@ def load_named(hand: str | None, model: Path | None, namespace: str | None) -> H
     return replace(loaded, description=loaded.description.model_copy(update={"namespace": namespace}))
 
 
-def _chores(service: TwinService, source: ModelSource, notifier: Any) -> Callable[[], None]:
-    """What the loop does between messages: feed the watchdog, take up a promoted version."""
+def _named_hand(hand: str | None, model: Path | None) -> list[str]:
+    """The options that name the same hand to another command."""
+    return [*(["--hand", hand] if hand else []), *(["--model", str(model)] if model else [])]
+
+
+def _chores(service: TwinService, source: ModelSource, notifier: Any, diagnoser: Diagnoser) -> Callable[[], None]:
+    """What the loop does between messages: feed the watchdog, take up a promoted version or a diagnosis."""
     next_poll_s = time.monotonic() + _POLL_S
 
     def chores() -> None:
@@ -103,6 +126,7 @@ def _chores(service: TwinService, source: ModelSource, notifier: Any) -> Callabl
         if time.monotonic() < next_poll_s:
             return
         next_poll_s = time.monotonic() + _POLL_S
+        diagnoser.poll()
         try:
             found = source.poll()
         except TwinError as error:

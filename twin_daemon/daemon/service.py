@@ -240,6 +240,11 @@ class TwinService:
                     self._mjcf = known
         return reports.header(self) | {"version": version["id"], "joints": list(twin.joints), "mjcf": known}
 
+    def tell(self, kind: str, text: str, data: dict[str, Any] | None = None) -> None:
+        """Adds an event of somebody beside the service."""
+        with self._lock:
+            self._tell(kind, text, data)
+
     def _tell(self, kind: str, text: str, data: dict[str, Any] | None = None) -> None:
         self.events.add(self.wall_ns(), kind, text, data)
 

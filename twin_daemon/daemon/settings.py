@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -23,11 +24,26 @@ class DaemonSettings(BaseModel):
     drift_false_alarms_per_day: float = Field(
         default=1 / 30, gt=0.0, le=100.0, description="of the drift test, for the whole hand"
     )
+    metrics_port: int | None = Field(
+        default=None, ge=1, le=65535, description="of the Prometheus endpoint on loopback; none without it"
+    )
     health_period_s: float = Field(default=1.0, ge=0.05, le=60.0, description="time between two health messages")
     keep_minutes: float = Field(default=5.0, ge=0.0, le=120.0, description="what 'twin record --keep' can save; 0: off")
-    keep_mib: int = Field(default=64, ge=1, le=4096, description="memory for that; the shorter of both counts")
+    keep_mib: int = Field(default=128, ge=1, le=4096, description="memory for that; the shorter of both counts")
     recordings_quota_mib: int = Field(default=2048, ge=1, description="most that the folder of recordings may hold")
     recordings_rotate: bool = Field(default=False, description="remove the oldest kept recordings to make room")
+
+
+class RosSettings(BaseModel):
+    """A ROS 2 system that is on the same Zenoh network, by its bridge or by its own middleware."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    transport: Literal["ros2dds", "rmw_zenoh"] = Field(description="zenoh-bridge-ros2dds, or the rmw_zenoh middleware")
+    domain: int = Field(default=0, ge=0, le=232, description="ROS_DOMAIN_ID, part of the keys of rmw_zenoh")
+    joint_states: str = Field(default="joint_states", description="topics by their full names")
+    joint_commands: str = "joint_commands"
+    twin_joint_states: str = "twin/joint_states"
 
 
 class TwinConfig(BaseModel):
@@ -40,6 +56,7 @@ class TwinConfig(BaseModel):
     namespace: str | None = Field(default=None, pattern=r"^[A-Za-z0-9_\-]+(/[A-Za-z0-9_\-]+)*$")
     version: str | None = Field(default=None, description="id of a stored version; default: the promoted one")
     endpoint: str | None = Field(default=None, description="Zenoh endpoint, such as tcp/127.0.0.1:7447")
+    ros: RosSettings | None = Field(default=None, description="a ROS 2 system on the same Zenoh network")
     daemon: DaemonSettings = DaemonSettings()
 
 
@@ -71,6 +88,7 @@ def _explain(path: Path, error: ValidationError) -> BadInput:
     location = [str(part) for part in first["loc"]]
     key = ".".join(location) or "(top)"
     if first["type"] == "extra_forbidden":
-        known = DaemonSettings.model_fields if location[:-1] == ["daemon"] else TwinConfig.model_fields
+        sections = {"daemon": DaemonSettings, "ros": RosSettings}
+        known = sections.get(".".join(location[:-1]), TwinConfig).model_fields
         return BadInput(f"unknown key '{key}'", where=path, allowed=", ".join(known), todo=nearest(location[-1], known))
     return BadInput(f"{key}: {first['msg']} (got {first['input']!r:.60})", where=path, todo="Correct this key")

@@ -69,7 +69,10 @@ class Keys(_Strict):
     versions: Name = "twin/{ns}/versions/**"
     drift: Name = "twin/{ns}/drift"
     model: Name = "twin/{ns}/model"
+    diagnose: Name = "twin/{ns}/diagnose"
+    diagnosis: Name = "twin/{ns}/diagnosis"
     command: Name = "twin/{ns}/command/{verb}"
+    keep: Name = "twin/{ns}/keep"
     alive: Name = "twin/{ns}/alive"
 
     @model_validator(mode="after")

@@ -13,6 +13,7 @@ from twin_daemon.recordings.bag import Contents
 from twin_daemon.recordings.csv_pair import JOINT_LIST, pair_files, read_csv_pair
 from twin_daemon.recordings.joint_map import check_joint_map
 from twin_daemon.recordings.joint_state_csv import read_joint_state_csv
+from twin_daemon.recordings.mcap_file import PART
 from twin_daemon.recordings.quality import VALUE_KINDS, Quality, measure_timing
 from twin_daemon.recordings.recording import Recording
 from twin_daemon.recordings.rosbag1 import read_ros1
@@ -88,6 +89,8 @@ def _form(path: Path) -> _Form:
         return _Form("ROS 1 bag", path, [path], read_ros1)
     if start.startswith((b"\x89MCAP0\r\n", b"SQLite format 3\x00")):
         suffix = ".mcap" if start[1:5] == b"MCAP" else ".db3"
+        if path.name.endswith(f".mcap{PART}"):
+            raise BadInput("a recording that was never finished", todo=f"Run 'twin record --recover {path}'")
         if path.suffix != suffix:
             raise BadInput(f"holds a ROS 2 bag but is not called {suffix}", todo=f"Rename it to {path.stem}{suffix}")
         return _Form(f"ROS 2 bag ({_storage(path)})", path, [path], read_ros2)
