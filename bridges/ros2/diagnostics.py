@@ -1,0 +1,75 @@
+"""The daemon's health and the bridge's own counts as diagnostic_msgs/DiagnosticArray."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock
+from rclpy.node import Node
+
+from bridges.ros2.conversions import OK, WARN, diagnosis
+from bridges.ros2.guard import Guard
+from bridges.ros2.link import ZenohLink
+from twin_daemon.hand import HandDescription
+
+_LONGEST_WAIT_S = 2.0
+
+
+class Diagnostics:
+    """Asks the daemon how it is, once a period, and publishes what it says or that nobody answers.
+
+    It asks instead of waiting for the daemon's own reports: those may come seldom, and a silence would prove nothing.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        link: ZenohLink,
+        description: HandDescription,
+        guard: Guard,
+        period_s: float,
+        clock: Clock,
+        counts: Callable[[], dict[str, int]],
+    ) -> None:
+        self._node = node
+        self._link = link
+        self._description = description
+        self._guard = guard
+        self._counts = counts
+        self._key = description.key("health")
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._timer = node.create_timer(period_s, guard.around("the diagnostics", self._ask), clock=clock)
+        self.period_s = period_s
+
+    def change_period(self, period_s: float) -> None:
+        self.period_s = period_s
+        self._timer.timer_period_ns = round(period_s * 1e9)
+
+    def _ask(self) -> None:
+        # an answer is there before the next question
+        timeout_s = min(0.8 * self.period_s, _LONGEST_WAIT_S)
+        self._link.ask(self._key, timeout_s, self._guard.around("the diagnostics", self._publish))
+
+    def _publish(self, health: bytes | None) -> None:
+        level, message, values = diagnosis(health, self._key)
+        connected = self._link.connected
+        own = {"connected": str(connected).lower(), "endpoint": self._link.endpoint}
+        own |= {name: str(count) for name, count in sorted(self._counts().items())}
+        own_message = "connected with the twin" if connected else f"looking for the twin at {self._link.endpoint}"
+        array = DiagnosticArray()
+        array.header.stamp = self._node.get_clock().now().to_msg()
+        array.status = [
+            self._status("daemon", level, message, values),
+            self._status("bridge", OK if connected else WARN, own_message, own),
+        ]
+        self._publisher.publish(array)
+
+    def _status(self, part: str, level: int, message: str, values: dict[str, str]) -> DiagnosticStatus:
+        return DiagnosticStatus(
+            level=bytes([level]),
+            name=f"{self._node.get_name()}: {part} of {self._description.namespace}",
+            message=message,
+            hardware_id=self._description.name,
+            values=[KeyValue(key=key, value=value) for key, value in values.items()],
+        )

@@ -1,0 +1,134 @@
+"""The bridge's Zenoh side: streams out, streams in, questions. Knows nothing of ROS."""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import time
+from collections import Counter
+from collections.abc import Callable
+from queue import Empty, SimpleQueue
+
+import zenoh
+
+from bridges.connection import Connection
+from bridges.inbox import Inbox
+from twin_daemon.hand import HandDescription
+
+log = logging.getLogger("twin.bridge")
+
+TO_THE_TWIN = ("joint_states", "joint_commands")
+FROM_THE_TWIN = ("twin_joint_states", "residual")
+Then = Callable[[bytes | None], None]
+
+_GRACE_S = 0.5  # Zenoh ends a question by itself; this is for the case that it does not
+
+
+class ZenohLink:
+    """One session with the twin, which comes when it comes and reconnects by itself.
+
+    What arrives waits in `inbox` and in a queue of answers; `wake` is called from the transport's threads after each
+    arrival. Everything else is called from one thread, the owner's.
+    """
+
+    def __init__(self, endpoint: str, description: HandDescription, wake: Callable[[], None]) -> None:
+        self.endpoint = endpoint
+        self.connected = False
+        self.inbox = Inbox(size=1024)
+        self.counts: Counter[str] = Counter()
+        self._key = description.key
+        self._wake = wake
+        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._subscribers: list[zenoh.Subscriber[None]] = []
+        self._answers: SimpleQueue[tuple[int, bytes | None]] = SimpleQueue()
+        self._numbers = itertools.count()
+        self._open: dict[int, tuple[Then, float]] = {}  # questions by number: what to do, until when
+        self._connection = Connection(endpoint)
+
+    def tend(self) -> None:
+        """Declares the streams as soon as there is a session, and notices when the other side goes or comes back.
+
+        Call it every now and then.
+        """
+        session = self._connection.session
+        if session is None:
+            return
+        if not self._publishers:
+            self._declare(session)
+        connected = bool(session.info.routers_zid() or session.info.peers_zid())
+        if connected != self.connected:
+            self.connected = connected
+            level = logging.INFO if connected else logging.WARNING
+            log.log(level, "%s the twin at %s", "connected with" if connected else "lost", self.endpoint)
+
+    def _declare(self, session: zenoh.Session) -> None:
+        self._subscribers = [self._subscribe(session, stream) for stream in FROM_THE_TWIN]
+        self._publishers = {
+            stream: session.declare_publisher(
+                self._key(stream), encoding="application/cdr", congestion_control=zenoh.CongestionControl.DROP
+            )
+            for stream in TO_THE_TWIN
+        }
+
+    def _subscribe(self, session: zenoh.Session, stream: str) -> zenoh.Subscriber[None]:
+        def receive(sample: zenoh.Sample) -> None:
+            self.inbox.put(stream, sample.payload.to_bytes())
+            self._wake()
+
+        return session.declare_subscriber(self._key(stream), receive)
+
+    def put(self, stream: str, payload: bytes) -> None:
+        """Sends bytes as they are. Without a connection they are lost, and counted as unsent."""
+        publisher = self._publishers.get(stream)
+        if publisher is not None:
+            publisher.put(payload)
+        self.counts[f"{stream}.{'forwarded' if self.connected else 'unsent'}"] += 1
+
+    def ask(self, key: str, timeout_s: float, then: Then) -> None:
+        """Asks once, so that nothing is ever commanded twice. `then` gets the first answer's bytes, or None.
+
+        `then` is called from `settle`, or at once where there is no connection.
+        """
+        session = self._connection.session
+        if session is None:
+            then(None)
+            return
+        number = next(self._numbers)
+        self._open[number] = then, time.monotonic() + timeout_s + _GRACE_S
+
+        def hear(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                self._answer(number, reply.ok.payload.to_bytes())
+            elif reply.err is not None and (said := reply.err.payload.to_bytes()).startswith(b"{"):
+                self._answer(number, said)  # other errors are the transport's own words, such as a timeout
+
+        session.get(key, zenoh.handlers.Callback(hear, lambda: self._answer(number, None)), timeout=timeout_s)
+
+    def _answer(self, number: int, payload: bytes | None) -> None:
+        self._answers.put((number, payload))
+        self._wake()
+
+    def settle(self) -> None:
+        """Gives the answers that have come to those who asked."""
+        while True:
+            try:
+                number, payload = self._answers.get_nowait()
+            except Empty:
+                break
+            if number in self._open:
+                self._open.pop(number)[0](payload)
+        now_s = time.monotonic()
+        for number in [number for number, (_, end_s) in self._open.items() if now_s > end_s]:
+            self._open.pop(number)[0](None)
+
+    def give_up(self) -> int:
+        """Answers every open question with None; how many there were."""
+        given_up, self._open = list(self._open.values()), {}
+        for then, _ in given_up:
+            then(None)
+        return len(given_up)
+
+    def close(self) -> None:
+        for entity in (*self._subscribers, *self._publishers.values()):
+            entity.undeclare()
+        self._connection.close()

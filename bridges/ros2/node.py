@@ -1,0 +1,173 @@
+"""The ROS node: topics on one side, the link to the twin on the other. All of it runs in the executor's thread."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from typing import Any
+
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory
+
+from bridges import cdr
+from bridges.ros2.conversions import residual_sample, trajectory_message
+from bridges.ros2.diagnostics import Diagnostics
+from bridges.ros2.guard import Guard
+from bridges.ros2.link import ZenohLink
+from bridges.ros2.parameters import PERIOD, declare_parameters
+from bridges.ros2.services import offer_services
+from bridges.ros2.trajectories import TrajectoryFollower
+from twin_daemon.daemon.messages import MalformedPayload
+
+NODE_NAME = "twin_bridge"
+_CONNECT_PERIOD_S = 0.1
+_FRESH_S = 1.0  # an older measurement does not say where a joint is
+# The sensor-data profile with a deeper queue: at 1 kHz its five messages are gone in a 5 ms stall.
+_SENSOR = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=100,
+    reliability=ReliabilityPolicy.BEST_EFFORT,
+    durability=DurabilityPolicy.VOLATILE,
+)
+
+
+class TwinBridge(Node):
+    """Joint states and commands of ROS to the twin; its prediction, residual and health to ROS.
+
+    Commands go to the twin only. Nothing here ever publishes a command on a ROS topic.
+    """
+
+    def __init__(self, given: dict[str, str]) -> None:
+        """`given` are parameters from the command line. Raises BadInput or an exception of rclpy for unusable ones."""
+        super().__init__(NODE_NAME, parameter_overrides=[Parameter(name, value=value) for name, value in given.items()])
+        self.guard = Guard()
+        self._trajectories: Counter[str] = Counter()
+        self._latest: tuple[bytes, float] = (
+            b"",
+            float("-inf"),
+        )  # joint states: payload, arrival on the monotonic clock
+        self._follower = TrajectoryFollower()
+        self.settings = settings = declare_parameters(self)
+        guard = self.guard.around
+        self._wake = self.create_guard_condition(guard("a message of the twin", self._drain))
+        self.link = ZenohLink(settings.endpoint, settings.description, self._wake.trigger)
+        try:
+            outward = {"qos_profile": 10, "qos_overriding_options": QoSOverridingOptions.with_default_policies()}
+            self._out = {
+                stream: self.create_publisher(JointState, topic, **outward)
+                for stream, topic in (("twin_joint_states", "twin/joint_states"), ("residual", "twin/residual"))
+            }
+            self._subscribe(JointState, settings.joint_states_topic, self._measured, _SENSOR, raw=True)
+            self._subscribe(JointState, settings.joint_commands_topic, self._commanded, _SENSOR, raw=True)
+            # a single message that matters, which controllers take reliably as well
+            self._subscribe(JointTrajectory, settings.trajectory_topic, self._trajectory, QoSProfile(depth=10))
+            self._follow_timer = self.create_timer(
+                1.0 / settings.command_rate_hz, guard("a trajectory", self._follow), autostart=False
+            )
+            # by the machine's own clock: a simulated one may stand still
+            steady = Clock(clock_type=ClockType.STEADY_TIME)
+            self.create_timer(_CONNECT_PERIOD_S, guard("the connection", self._connect), clock=steady)
+            offer_services(self, self.link, settings.description, self.guard)
+            self._diagnostics = Diagnostics(
+                self, self.link, settings.description, self.guard, settings.diagnostics_period_s, steady, self.counts
+            )
+            self.add_post_set_parameters_callback(self._parameters_changed)
+        except BaseException:
+            self.link.close()
+            raise
+
+    def _subscribe(self, kind: Any, topic: str, callback: Any, qos: QoSProfile, raw: bool = False) -> None:
+        options = QoSOverridingOptions.with_default_policies()
+        guarded = self.guard.around(f"a message of {topic}", callback)
+        self.create_subscription(kind, topic, guarded, qos, qos_overriding_options=options, raw=raw)
+
+    def close(self) -> None:
+        """Withdraws from both networks; the transport's threads are quiet before the node goes."""
+        self.link.close()
+        self.destroy_node()
+
+    def counts(self) -> dict[str, int]:
+        """Messages by stream and by what became of them."""
+        trajectories = {f"trajectory.{kind}": count for kind, count in self._trajectories.items()}
+        return dict(self.link.counts) | trajectories | {"errors": self.guard.errors, "dropped": self.link.inbox.dropped}
+
+    # -- ROS to the twin -----------------------------------------------------------------------------------
+
+    def _measured(self, payload: bytes) -> None:
+        self._latest = payload, time.monotonic()
+        self.link.put("joint_states", payload)
+
+    def _commanded(self, payload: bytes) -> None:
+        self._follower.forget()
+        self.link.put("joint_commands", payload)
+
+    def _trajectory(self, message: JointTrajectory) -> None:
+        try:
+            positions: dict[str, float] | None = None
+
+            def measured(name: str) -> float | None:
+                nonlocal positions
+                if positions is None:
+                    positions = self._positions()
+                return positions.get(name)
+
+            self._follower.accept(trajectory_message(message, self._now_ns()), measured)
+        except MalformedPayload as error:
+            self._trajectories[error.kind] += 1
+            raise
+        self._trajectories["followed"] += 1
+        self._follow()
+        if self._follower.active:
+            self._follow_timer.reset()
+
+    def _positions(self) -> dict[str, float]:
+        """Where the joints are, rad; nothing if that is not known."""
+        payload, arrival_s = self._latest
+        if time.monotonic() - arrival_s > _FRESH_S:
+            return {}
+        try:
+            sample = cdr.decode(payload)
+        except MalformedPayload:
+            return {}
+        return dict(zip(sample.names, sample.position.tolist(), strict=False))
+
+    def _follow(self) -> None:
+        command = self._follower.sample(self._now_ns())
+        if command is not None:
+            self.link.put("joint_commands", cdr.encode(command))
+        if not self._follower.active:
+            self._follow_timer.cancel()
+
+    def _now_ns(self) -> int:
+        return self.get_clock().now().nanoseconds
+
+    # -- the twin to ROS -----------------------------------------------------------------------------------
+
+    def _connect(self) -> None:
+        self.link.tend()
+        self.link.settle()
+
+    def _drain(self) -> None:
+        self.link.settle()
+        for stream, payload, _ in self.link.inbox.take(timeout_s=0.0):
+            self._publish(stream, payload)
+
+    def _publish(self, stream: str, payload: bytes) -> None:
+        try:
+            if stream == "residual":
+                payload = cdr.encode(residual_sample(payload))
+            self._out[stream].publish(payload)
+            self.link.counts[f"{stream}.published"] += 1
+        except Exception as error:  # one message, not those behind it
+            self.guard.failed(f"a message of {stream}", error)
+
+    def _parameters_changed(self, parameters: list[Parameter]) -> None:
+        for parameter in parameters:
+            if parameter.name == PERIOD:
+                self._diagnostics.change_period(parameter.get_parameter_value().double_value)
