@@ -61,7 +61,8 @@ def command(
 
         refit = refit_effect(session.twin, train, kind, targets, given)
         changed, fitted = _changed(session.twin, refit.terms), refit.values
-        notes += refit.notes
+        changed = changed.changed(changed.terms.with_parameters(refit.parameters))
+        notes += [*refit.notes, "the model's uncertain parameters there were refitted beside it, under their priors"]
     payload = {
         "effect": effect,
         "targets": targets,

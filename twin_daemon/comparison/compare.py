@@ -114,6 +114,18 @@ def raw_command_mse(twin: TwinModel, aligned: Aligned) -> dict[str, float]:
     }
 
 
+def raw_command_error(twin: TwinModel, recordings: Sequence[Aligned]) -> float | None:
+    """The raw command's mean squared error (rad^2) over the moving joints of several recordings; None without any."""
+    errors: dict[str, list[tuple[float, int]]] = {}
+    for recording in recordings:
+        for name, mse in raw_command_mse(twin, recording).items():
+            errors.setdefault(name, []).append((mse, len(recording.time_s)))
+    if not errors:
+        return None
+    means = [np.average([m for m, _ in pairs], weights=[n for _, n in pairs]) for pairs in errors.values()]
+    return float(np.mean(means))
+
+
 def pooled(comparisons: Sequence[Comparison]) -> dict[str, JointError]:
     """The joints of several recordings as one: means weighted by samples, the worst of the extremes."""
     names = list(dict.fromkeys(name for c in comparisons for name in c.joints))

