@@ -19,6 +19,8 @@ from twin_daemon.recordings.recording import Commands
 
 _LISTENER_WAIT_S = 5.0
 _GAP_BETWEEN_NS = 1_000_000_000
+AHEAD_S = 0.02
+"""How long before its moment a command is sent, in wall time."""
 
 
 @dataclass
@@ -34,23 +36,28 @@ class Played:
 
 @dataclass(frozen=True)
 class Timeline:
-    """States and commands of one recording in the order of their stamps; at the same stamp the command first."""
+    """States and commands of one recording in the order in which they are `due`; a command before its moment.
+
+    Two streams may overtake each other on the way, and a command holds from its stamp on, whenever it arrives.
+    """
 
     recording: Recording
     commands: Commands | None
     stamp_ns: np.ndarray  # (m,) int64
+    due_ns: np.ndarray  # (m,) int64
     is_command: np.ndarray  # (m,) bool
     row: np.ndarray  # (m,) int
 
     @classmethod
-    def of(cls, recording: Recording, commands: Commands | None) -> Timeline:
+    def of(cls, recording: Recording, commands: Commands | None, ahead_ns: int = 0) -> Timeline:
         states = recording.stamp_ns
         told = commands.stamp_ns if commands is not None else np.zeros(0, dtype=np.int64)
         stamps = np.concatenate([told, states])
         kind = np.concatenate([np.ones(len(told), bool), np.zeros(len(states), bool)])
         rows = np.concatenate([np.arange(len(told)), np.arange(len(states))])
-        order = np.argsort(stamps, kind="stable")
-        return cls(recording, commands, stamps[order], kind[order], rows[order])
+        due = stamps - np.where(kind, ahead_ns, 0)
+        order = np.argsort(due, kind="stable")
+        return cls(recording, commands, stamps[order], due[order], kind[order], rows[order])
 
     def sample(self, index: int, shift_ns: int) -> JointSample:
         """One message, its stamp shifted; joints that the original message lacked are left out."""
@@ -97,10 +104,10 @@ def play(
     next_ns, elapsed_s, round_number = time.time_ns(), 0.0, 0
     while not stop.is_set() and (loop or round_number == 0):
         for timeline in timelines:
-            first_ns = int(timeline.stamp_ns[0])
+            first_ns = int(timeline.stamp_ns.min())
             shift_ns = 0 if keep_stamps else next_ns - first_ns
-            for index, stamp_ns in enumerate(timeline.stamp_ns):
-                if not pace.wait_until(elapsed_s + (int(stamp_ns) - first_ns) * 1e-9 / speed):
+            for index, due_ns in enumerate(timeline.due_ns):
+                if not pace.wait_until(elapsed_s + (int(due_ns) - first_ns) * 1e-9 / speed):
                     break
                 payload = cdr.encode(timeline.sample(index, shift_ns))
                 if timeline.is_command[index]:
@@ -109,7 +116,7 @@ def play(
                 else:
                     states.put(payload)
                     played.joint_states += 1
-            length_ns = int(timeline.stamp_ns[-1]) - first_ns + _GAP_BETWEEN_NS
+            length_ns = int(timeline.stamp_ns.max()) - first_ns + _GAP_BETWEEN_NS
             next_ns += length_ns
             elapsed_s += length_ns * 1e-9 / speed
         round_number += 1

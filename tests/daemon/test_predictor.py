@@ -93,6 +93,16 @@ def test_a_command_from_the_future_waits_for_its_moment(twin: TwinModel) -> None
     assert late.advance(START + 160 * MS, pose(twin), still).position[index] > at_80[1] + 0.3
 
 
+def test_commands_sent_ahead_of_the_first_state_wait_for_their_moment_too(twin: TwinModel) -> None:
+    predictor = Predictor(twin)
+    for delay, target in ((-8, 0.1), (80, 0.5), (3_600_000, 0.9)):  # the last bears another clock's stamp
+        predictor.command(START + delay * MS, ("rh_FFJ3" if delay < 1000 else "rh_MFJ3",), np.array([target]))
+    predictor.advance(START, pose(twin), np.zeros(len(twin.joints)))
+    assert predictor.targets_rad == {"rh_FFJ3": 0.1, "rh_MFJ3": 0.9}
+    predictor.advance(START + 160 * MS, pose(twin), np.zeros(len(twin.joints)))
+    assert predictor.targets_rad == {"rh_FFJ3": 0.5, "rh_MFJ3": 0.9}
+
+
 def test_commands_that_drive_nothing_are_not_followed(twin: TwinModel) -> None:
     predictor = Predictor(twin)
     assert not predictor.command(START, ("gripper",), np.array([1.0]))
@@ -104,6 +114,7 @@ def test_commands_that_drive_nothing_are_not_followed(twin: TwinModel) -> None:
 def test_a_tendon_follows_the_sum_of_its_joints_when_they_are_commanded(twin: TwinModel) -> None:
     predictor = Predictor(twin)
     assert predictor.command(START, ("rh_FFJ1", "rh_FFJ2"), np.array([0.4, 0.7]))
+    predictor.advance(START, pose(twin), np.zeros(len(twin.joints)))
     assert predictor.targets_rad["rh_FFJ0"] == pytest.approx(1.1)
     assert not predictor.command(START, ("rh_FFJ1", "rh_FFJ2"), np.array([0.4, np.nan]))
     assert predictor.targets_rad["rh_FFJ0"] == pytest.approx(1.1)
@@ -112,5 +123,6 @@ def test_a_tendon_follows_the_sum_of_its_joints_when_they_are_commanded(twin: Tw
 def test_another_model_inherits_the_targets(twin: TwinModel) -> None:
     before, after = Predictor(twin), Predictor(twin)
     before.command(START, ("rh_FFJ3",), np.array([0.8]))
+    before.advance(START, pose(twin), np.zeros(len(twin.joints)))
     after.inherit(before)
     assert after.targets_rad == {"rh_FFJ3": 0.8}

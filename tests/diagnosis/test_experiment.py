@@ -66,3 +66,15 @@ def test_an_ambiguous_verdict_gets_the_motion_that_separates_best(
 def test_other_verdicts_need_no_experiment(twin: TwinModel, tmp_path: Path) -> None:
     assert next_experiment(twin, [], Diagnosis("within_noise", "", (), (), (), {}), tmp_path) is None
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_finding_at_a_pairs_command_is_separated_by_its_joints(sound: Path, twin: TwinModel, tmp_path: Path) -> None:
+    gap = FittedValue(0.05, "rad", (0.04, 0.06))
+    finding = Finding(
+        "backlash", "rh_FFJ0", ("rh_FFJ0", "rh_FFJ2", "rh_FFJ1"), {"gap": gap}, 50.0, 2e-6, 1e-6, 0.5, (0.2, 0.7),
+        ("sensor_offset:rh_FFJ3",), "",
+    )  # fmt: skip
+    found = Diagnosis("ambiguous", "two", (finding,), (), (), {})
+    proposed = next_experiment(twin, [align(twin, load_recording(sound))], found, tmp_path)
+    assert proposed is not None
+    assert proposed["expected_difference_rad"] > 1e-3

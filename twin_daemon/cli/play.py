@@ -36,7 +36,7 @@ def command(
 ) -> int:
     """Publish recordings in real time as if they were the hand, with the commands that they hold."""
     from bridges.connection import Connection
-    from bridges.player import Timeline, play
+    from bridges.player import AHEAD_S, Timeline, play
     from bridges.session import choose_endpoint
     from bridges.stop import on_termination
     from twin_daemon.recordings import load_joint_map, load_recording
@@ -45,7 +45,8 @@ def command(
     chosen = load_named(hand, model, namespace)
     renamed = load_joint_map(joint_map) if joint_map else None
     loaded = [load_recording(path, renamed) for path in recordings]
-    timelines = [Timeline.of(one, commands_of(one, chosen, trajectory)) for one in loaded]
+    ahead_ns = round(AHEAD_S * speed * 1e9)
+    timelines = [Timeline.of(one, commands_of(one, chosen, trajectory), ahead_ns) for one in loaded]
     address = choose_endpoint(endpoint)
     with on_termination() as stop, Connection(address) as connection:
         if not connection.wait(0.5):
@@ -75,6 +76,8 @@ def commands_of(recording: Recording, hand: Hand, trajectory: str | None) -> Com
     twin = TwinModel.load(hand)
     aligned = align(twin, recording, load_trajectory(trajectory, hand) if trajectory else None)
     onset_s = model_onset(twin, aligned) if aligned.onset_free else aligned.onset_s
-    position = aligned.signal.sample(aligned.time_s - onset_s)
+    # each value is held until the next: taken from the middle of that time it is right on average
+    half_s = 0.5 * float(np.median(np.diff(aligned.time_s)))
+    position = aligned.signal.sample(aligned.time_s + half_s - onset_s)
     told = np.isfinite(position).any(axis=1)
     return Commands(recording.stamp_ns[told], aligned.signal.names, position[told], "hold")

@@ -17,6 +17,7 @@ from twin_daemon.simulation.twin import TwinModel
 State = Literal["waiting", "no_commands", "following"]
 _MAX_PENDING = 2000
 _MAX_LAYOUTS = 64
+_FURTHEST_AHEAD_NS = 1_000_000_000
 _WARNINGS = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
 
@@ -81,7 +82,7 @@ class Predictor:
         control, determined = self._controls(names, np.asarray(position, float))
         if not determined.any():
             return False
-        if self.anchored_ns is None:
+        if self.anchored_ns is None and stamp_ns == 0:
             self._take(control, determined)
             return True
         bisect.insort(self._pending, (stamp_ns, control, determined), key=lambda entry: entry[0])
@@ -159,8 +160,13 @@ class Predictor:
     def _set(self, stamp_ns: int, position: np.ndarray, velocity: np.ndarray, reason: str) -> Prediction:
         """A new beginning: nothing of the model's past is kept but the targets."""
         mujoco.mj_resetData(self.twin.model, self._data)
-        while self._pending and self._pending[0][0] <= stamp_ns:
-            self._take(*self._pending.pop(0)[1:])
+        self._pending, given = [], self._pending
+        for entry in given:
+            # before the first state nothing says whose clock a command bears: one far ahead holds at once
+            if stamp_ns < entry[0] <= stamp_ns + _FURTHEST_AHEAD_NS:
+                self._pending.append(entry)
+            else:
+                self._take(*entry[1:])
         self._anchor(stamp_ns, position, velocity, reason)
         settle_actuators(self.twin.model, self._data, self._control)
         return Prediction(stamp_ns, np.array(position, float), np.array(velocity, float), anchored=reason)

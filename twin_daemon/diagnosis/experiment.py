@@ -118,7 +118,8 @@ def _separating(
     if len(candidates) < 2 or not commands:
         return None
     motions = {name: motion(twin.hand, commands, make(), name) for name, make in FAMILY.items()}
-    differences = {name: expected_difference(twin, candidates, m, doubtful.joints) for name, m in motions.items()}
+    measured = [name for name in doubtful.joints if name in twin.joints]  # a pair's command stands among them
+    differences = {name: expected_difference(twin, candidates, m, measured) for name, m in motions.items()}
     best = max(differences, key=lambda name: differences[name])
     title = f"{doubtful.effect}_or_{'_or_'.join(n.partition(':')[0] for n in list(candidates)[1:])}"
     path, reference = _written(motions[best], f"{title}_at_{doubtful.target}", folder, twin.hand)

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from twin_daemon.effects.base import Measurement
+from twin_daemon.errors import BadInput
 from twin_daemon.fitting.knobs import Knob
 from twin_daemon.simulation.alignment import Aligned, resample
 from twin_daemon.simulation.parameters import KINDS
@@ -126,8 +127,10 @@ class Problem:
 
     def predict(self, points: np.ndarray) -> list[np.ndarray]:
         """Predicted readings of the objective's joints, one (B, n, k) array a recording, for points (B, p)."""
-        candidates = [self.candidate(point) for point in points]
-        self.evaluations += len(candidates)
+        found = [self._possible(point) for point in points]
+        self.evaluations += len(found)
+        impossible = [candidate is None for candidate in found]
+        candidates = [candidate or self.candidate(self.start) for candidate in found]
         step_s = float(self.twin.model.opt.timestep)
         readings = []
         for index, recording in enumerate(self.recordings):
@@ -153,7 +156,15 @@ class Problem:
             sampled = resample(positions[:, :, self.twin.qpos_adr], step_s, recording.time_s)
             read = [c.measurement.apply(self.twin.joints, s) for c, s in zip(candidates, sampled, strict=True)]
             readings.append(np.stack(read)[:, :, self._columns])
+            readings[-1][impossible] = np.nan
         return readings
+
+    def _possible(self, unit: np.ndarray) -> Candidate | None:
+        """A point's candidate; None where its values cannot stand beside each other, such as a negative armature."""
+        try:
+            return self.candidate(unit)
+        except BadInput:
+            return None
 
     def _controls(self, recording: Aligned, grid: np.ndarray, onset_s: float) -> np.ndarray:
         """Controls (T, nu) of a roll-out on a grid of times (T,) s."""
