@@ -143,8 +143,8 @@ class ZenohBridge:
         sent_s = time.monotonic()
         self._latency_s.append(sent_s - arrival_s)
         self._ring.add("twin_joint_states", output.prediction.stamp_ns, predicted, sent_s)
-        if output.residual is not None:
-            residual = self._put("residual", output.residual)
+        if output.residual_due:
+            residual = self._put("residual", self.service.residual_now())
             self._ring.add("residual", output.prediction.stamp_ns, residual.encode(), time.monotonic())
 
     def _publish_events(self) -> None:

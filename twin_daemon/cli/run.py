@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import logging
 import time
 from dataclasses import replace
@@ -48,7 +49,6 @@ def command(
     """Run the live twin: follow the hand, predict it, measure the error, answer questions. Ends on SIGTERM."""
     from bridges.diagnoser import Diagnoser
     from bridges.keep import Keeper
-    from bridges.metrics import MetricsServer
     from bridges.ring import Ring
     from bridges.ros_keys import RosKeys
     from bridges.session import choose_endpoint, open_daemon, someone_serves
@@ -88,11 +88,15 @@ def command(
         bridge = ZenohBridge(session, service, answers, ring, ros)
         stack.callback(bridge.close)
         if settings.daemon.metrics_port is not None:
+            from bridges.metrics import MetricsServer
+
             metrics = MetricsServer(settings.daemon.metrics_port, service, bridge.health)
             stack.callback(metrics.close)
         notifier = Notifier()
         where = f"listens at {address}" if how == "listens" else f"joined the router at {address}"
         log.info("the twin of %s %s, version %s", service.namespace, where, info["id"])
+        gc.collect()
+        gc.freeze()  # what is here stays: the collector need not walk through it while samples wait
         notifier.say("READY=1")
         bridge.run(stop, seconds, each_turn=_chores(service, source, notifier, diagnoser))
         notifier.say("STOPPING=1")

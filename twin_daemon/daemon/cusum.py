@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import root_scalar
 
 _MOST = 3.0  # one block may count for so many sigma: a single collision is not wear
 
@@ -19,8 +18,11 @@ def run_length(threshold: float, slack: float) -> float:
 
 def threshold_for(blocks: float, slack: float) -> float:
     """The decision interval (sigma) at which a false alarm comes once in so many blocks on average."""
-    blocks = max(blocks, 2.0)
-    return float(root_scalar(lambda h: run_length(h, slack) - blocks, bracket=[-1.0, 200.0]).root)
+    low, high = -1.0, 200.0  # the run length grows with the threshold; the daemon starts without scipy
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if run_length(middle, slack) < max(blocks, 2.0) else (low, middle)
+    return 0.5 * (low + high)
 
 
 class Cusum:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -34,10 +33,13 @@ class JointSample:
 
 @dataclass(frozen=True)
 class Output:
-    """What one accepted joint state leads to: the prediction for its stamp, and a residual now and then."""
+    """What one accepted joint state leads to: the prediction for its stamp, and whether its residual is due.
+
+    The residual is put into words after the prediction has gone out.
+    """
 
     prediction: JointSample
-    residual: dict[str, Any] | None = None
+    residual_due: bool = False
 
 
 def number(value: float) -> float | None:

@@ -108,7 +108,7 @@ class TwinService:
         due = now_s - self._last_residual_s >= 1.0 / self.settings.residual_rate_hz
         if due:
             self._last_residual_s = now_s
-        return Output(as_sample(prediction, self.joints), reports.residual_now(self) if due else None)
+        return Output(as_sample(prediction, self.joints), due)
 
     def on_command(self, sample: JointSample) -> bool:
         """One decoded command. True if the model follows it."""
@@ -208,6 +208,10 @@ class TwinService:
     def state(self) -> dict[str, Any]:
         with self._lock:
             return reports.state(self)
+
+    def residual_now(self) -> dict[str, Any]:
+        with self._lock:
+            return reports.residual_now(self)
 
     def residual(self) -> dict[str, Any]:
         with self._lock:
