@@ -38,6 +38,13 @@ def test_missing_messages_are_counted_and_a_pause_is_none() -> None:
     assert (answer["missing"], answer["gaps"]) == (4, 2)
 
 
+def test_another_rate_is_not_a_loss() -> None:
+    stamps = np.concatenate([np.arange(500) * PERIOD, 500 * PERIOD + np.arange(200) * 5 * PERIOD])
+    answer = fed(stamps).as_json()
+    assert (answer["missing"], answer["gaps"]) == (0, 0)
+    assert answer["rate_hz"] == pytest.approx(25.0)
+
+
 def test_a_burst_after_a_stall_is_late_and_nothing_is_missing() -> None:
     stamps = np.arange(400) * PERIOD
     delay = np.zeros(400, dtype=np.int64)

@@ -9,6 +9,7 @@ from typing import Any, Literal
 _KEPT = 512
 _LEARNT = 32  # intervals before a rate is believed
 _RELEARNT = 64
+_STEADY = 8  # intervals in a row that are longer, and alike: another rate, and nothing is missing
 _JUMP_NS = 500_000_000
 _LATE_PERIODS, _LATEST_NS = 5.0, 50_000_000
 _LONGEST_GAP_NS = 10_000_000_000  # a longer silence is a pause, not lost messages
@@ -32,6 +33,7 @@ class Timing:
         self._last: tuple[int, int] | None = None
         self._period_ns: float | None = None
         self._until_relearnt = _LEARNT
+        self._longer: list[int] = []
 
     def add(self, stamp_ns: int, arrival_ns: int) -> Literal["clock_jump"] | None:
         """Takes one accepted stamp and when it arrived (both ns). Says so where the hand's clock was set."""
@@ -65,8 +67,15 @@ class Timing:
         if self._period_ns is None:
             return
         if 1.5 * self._period_ns < interval < _LONGEST_GAP_NS:
-            self.counts["gaps"] += 1
-            self.counts["missing"] += round(interval / self._period_ns) - 1
+            self._longer.append(interval)
+            if len(self._longer) >= _STEADY and max(self._longer) < 1.2 * min(self._longer):
+                self._period_ns = statistics.median(self._longer)
+                self._intervals.clear()
+                self._longer.clear()
+        if len(self._longer) >= _STEADY or interval <= 1.5 * self._period_ns:
+            self.counts["gaps"] += len(self._longer)
+            self.counts["missing"] += sum(round(longer / self._period_ns) - 1 for longer in self._longer)
+            self._longer.clear()
         if offset - min(self._offsets) > max(_LATE_PERIODS * self._period_ns, _LATEST_NS):
             self.counts["late"] += 1
 
