@@ -19,8 +19,10 @@ from twin_daemon.recordings.recording import Commands
 
 _LISTENER_WAIT_S = 5.0
 _GAP_BETWEEN_NS = 1_000_000_000
-AHEAD_S = 0.02
+AHEAD_S = 0.1
 """How long before its moment a command is sent, in wall time."""
+MOST_AHEAD_S = 0.5
+"""The same by its stamp: farther ahead the twin would take it for one of another clock."""
 
 
 @dataclass

@@ -145,4 +145,4 @@ def test_the_live_residuals_of_the_real_arm_are_the_offline_ones(twin: Any, tmp_
     data = [str(arm / "multisine"), "--joint-map", str(arm / "joint_map.yaml")]
     ratios = agreement(twin, tmp_path, data, ["--model", str(arm / "so101.xml")], 10.0)
     assert len(ratios) == 6
-    assert all(ratio == pytest.approx(1.0, abs=0.03) for ratio in ratios.values()), ratios
+    assert all(ratio == pytest.approx(1.0, abs=0.05) for ratio in ratios.values()), ratios

@@ -36,7 +36,7 @@ def command(
 ) -> int:
     """Publish recordings in real time as if they were the hand, with the commands that they hold."""
     from bridges.connection import Connection
-    from bridges.player import AHEAD_S, Timeline, play
+    from bridges.player import AHEAD_S, MOST_AHEAD_S, Timeline, play
     from bridges.session import choose_endpoint
     from bridges.stop import on_termination
     from twin_daemon.recordings import load_joint_map, load_recording
@@ -45,7 +45,7 @@ def command(
     chosen = load_named(hand, model, namespace)
     renamed = load_joint_map(joint_map) if joint_map else None
     loaded = [load_recording(path, renamed) for path in recordings]
-    ahead_ns = round(AHEAD_S * speed * 1e9)
+    ahead_ns = round(min(AHEAD_S * speed, MOST_AHEAD_S) * 1e9)
     timelines = [Timeline.of(one, commands_of(one, chosen, trajectory), ahead_ns) for one in loaded]
     address = choose_endpoint(endpoint)
     with on_termination() as stop, Connection(address) as connection:
