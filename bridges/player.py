@@ -21,7 +21,7 @@ _LISTENER_WAIT_S = 5.0
 _GAP_BETWEEN_NS = 1_000_000_000
 AHEAD_S = 0.1
 """How long before its moment a command is sent, in wall time."""
-MOST_AHEAD_S = 0.5
+MOST_AHEAD_S = 0.3
 """The same by its stamp: farther ahead the twin would take it for one of another clock."""
 
 
@@ -99,7 +99,9 @@ def play(
     states = connection.session.declare_publisher(description.key("joint_states"))
     commands = connection.session.declare_publisher(description.key("joint_commands"))
     deadline_s = time.monotonic() + _LISTENER_WAIT_S
-    while not _heard(states) and time.monotonic() < deadline_s and not stop.wait(0.02):
+    # who hears one stream and not yet the other would get commands after the states that they lead to
+    needed = [states, *([commands] if any(t.is_command.any() for t in timelines) else [])]
+    while not all(map(_heard, needed)) and time.monotonic() < deadline_s and not stop.wait(0.02):
         pass
     played.listened = _heard(states)
     pace, begun_s = Pace(stop), time.monotonic()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import logging
 import time
@@ -72,10 +73,12 @@ class ZenohBridge:
             }.items()
         }
         self._entities = [self._declare_question(key, answer) for key, answer in (answers | (extra or {})).items()]
-        self._entities += [self._subscribe(stream, self._key(stream)) for stream in ("joint_states", "joint_commands")]
+        self._entities += self._subscribe_streams(
+            {name: self._key(name) for name in ("joint_states", "joint_commands")}
+        )
         self._ros = ros
         if ros is not None:
-            self._entities += [self._subscribe(stream, key) for stream, key in ros.subscribed.items()]
+            self._entities += self._subscribe_streams(ros.subscribed)
             self._publishers["ros"] = session.declare_publisher(
                 ros.published, encoding="application/cdr", congestion_control=zenoh.CongestionControl.DROP
             )
@@ -83,6 +86,24 @@ class ZenohBridge:
         self._token = session.liveliness().declare_token(self._key("alive"))
 
     # -- declarations --------------------------------------------------------------------------------------
+
+    def _subscribe_streams(self, keys: dict[str, str]) -> list[Any]:
+        """One subscriber for all streams where their keys allow it.
+
+        Each subscriber has a thread of its own: on a loaded machine two would let states overtake the commands that
+        led to them.
+        """
+        streams = {key: stream for stream, key in keys.items()}
+        shared = _covering(list(keys.values()))
+        if shared is None:
+            return [self._subscribe(stream, key) for stream, key in keys.items()]
+
+        def sort(sample: zenoh.Sample) -> None:
+            stream = streams.get(str(sample.key_expr))
+            if stream is not None:
+                self.inbox.put(stream, sample.payload.to_bytes())
+
+        return [self._session.declare_subscriber(shared, sort)]
 
     def _subscribe(self, stream: str, key: str) -> Any:
         return self._session.declare_subscriber(key, lambda sample: self.inbox.put(stream, sample.payload.to_bytes()))
@@ -192,6 +213,16 @@ class ZenohBridge:
         self._token.undeclare()
         for entity in (*self._entities, *self._publishers.values()):
             entity.undeclare()
+
+
+def _covering(keys: list[str]) -> str | None:
+    """A key expression for keys that differ in the end of their last part alone; None where they do not."""
+    parents = {key.rpartition("/")[0] for key in keys}
+    if len(parents) != 1 or any("*" in key for key in keys):
+        return None
+    letters = zip(*(key.rpartition("/")[2] for key in keys), strict=False)
+    start = "".join(same[0] for same in itertools.takewhile(lambda column: len(set(column)) == 1, letters))
+    return "/".join(filter(None, [parents.pop(), f"{start}$*" if start else "*"]))
 
 
 def _quantile(ordered: list[float], share: float) -> float | None:
