@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -10,13 +9,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 
-import numpy as np
 import zenoh
 
 from bridges import cdr
 from bridges.inbox import Inbox
+from bridges.residual import residual_sample
 from bridges.stop import Stoppable
-from twin_daemon.daemon.messages import JointSample, MalformedPayload
+from twin_daemon.daemon.messages import MalformedPayload
 from twin_daemon.errors import BadInput
 from twin_daemon.hand import HandDescription
 from twin_daemon.recordings.mcap_file import StreamWriter
@@ -30,7 +29,6 @@ TOPICS = {
     "residual": "twin/residual",
 }
 _FLUSH_S = 1.0  # what a killed recorder loses at most
-_MAX_STAMP_NS = 2**31 * 1_000_000_000
 
 
 class Recorded:
@@ -180,19 +178,3 @@ def as_joint_state(stream: str, payload: bytes) -> tuple[int, bytes]:
     if not sample.names or len(sample.position) != len(sample.names):
         raise MalformedPayload("length_mismatch", f"{len(sample.position)} positions for {len(sample.names)} joints")
     return sample.stamp_ns, payload
-
-
-def residual_sample(payload: bytes) -> JointSample:
-    """The residual as joint states: `position` (k,) is measured minus predicted, rad; NaN where it is not known."""
-    if len(payload) > cdr.MAX_BYTES:
-        raise MalformedPayload("too_large", f"{len(payload)} bytes, at most {cdr.MAX_BYTES} are read")
-    try:
-        read = json.loads(payload)
-        stamp_ns, values = read["stamp_ns"], read["residual_rad"]
-        names = tuple(values)
-        position = np.array([np.nan if value is None else float(value) for value in values.values()])
-    except Exception as error:  # foreign bytes break a reader in every way there is
-        raise MalformedPayload("malformed", f"not a residual: {error!r:.200}") from None
-    if type(stamp_ns) is not int or not 0 <= stamp_ns < _MAX_STAMP_NS or not names:
-        raise MalformedPayload("malformed", "a residual without joints or with a stamp that does not fit into ROS")
-    return JointSample(stamp_ns, names, position)

@@ -13,6 +13,7 @@ from typing import Any
 import zenoh
 
 from bridges import cdr
+from bridges.guard import Guard
 from bridges.inbox import Inbox
 from bridges.ring import Ring
 from bridges.ros_keys import RosKeys
@@ -47,8 +48,7 @@ class ZenohBridge:
         self._session = session
         self._key = service.hand.description.key
         self._latency_s: deque[float] = deque(maxlen=2000)
-        self._errors = 0
-        self._failing: set[str] = set()
+        self._guard = Guard(log)
         self._publishers = {
             name: session.declare_publisher(
                 self._key(name), encoding=encoding, congestion_control=zenoh.CongestionControl.DROP
@@ -124,7 +124,7 @@ class ZenohBridge:
                     else:
                         query.reply(own, json.dumps(found, allow_nan=False), encoding="application/json")
             except Exception as error:
-                self._failed(f"the answer to {name}", error)
+                self._guard.failed(f"the answer to {name}", error)
 
         return self._session.declare_queryable(key, reply)
 
@@ -136,13 +136,13 @@ class ZenohBridge:
         next_health_s = 0.0
         while not stop.is_set() and (end_s is None or time.monotonic() < end_s):
             for stream, payload, arrival_s in self.inbox.take(timeout_s=0.05):
-                self._guard(f"a message of {stream}", lambda: self._handle(stream, payload, arrival_s))  # noqa: B023
-            self._guard("the events", self._publish_events)
+                self._guard.run(f"a message of {stream}", self._handle, stream, payload, arrival_s)
+            self._guard.run("the events", self._publish_events)
             if time.monotonic() >= next_health_s:
                 next_health_s = time.monotonic() + self.service.settings.health_period_s
-                self._guard("health", lambda: self._put("health", self.health()))
+                self._guard.run("health", self._publish_health)
             if each_turn is not None:
-                self._guard("a turn of the loop", each_turn)
+                self._guard.run("a turn of the loop", each_turn)
 
     def _handle(self, stream: str, payload: bytes, arrival_s: float) -> None:
         try:
@@ -173,25 +173,13 @@ class ZenohBridge:
             log.info("%s: %s", event.kind, event.text)
             self._put("events", event.as_json())
 
+    def _publish_health(self) -> None:
+        self._put("health", self.health())
+
     def _put(self, name: str, value: dict[str, Any]) -> str:
         text = json.dumps(value, allow_nan=False)
         self._publishers[name].put(text)
         return text
-
-    def _guard(self, what: str, action: Callable[[], object]) -> None:
-        try:
-            action()
-        except Exception as error:
-            self._failed(what, error)
-        else:
-            self._failing.discard(what)
-
-    def _failed(self, what: str, error: Exception) -> None:
-        """The first failure of a kind is a warning, its repetitions are only counted."""
-        self._errors += 1
-        level = logging.DEBUG if what in self._failing else logging.WARNING
-        self._failing.add(what)
-        log.log(level, "%s failed and is skipped: %r", what, error)
 
     # -- health --------------------------------------------------------------------------------------------
 
@@ -200,7 +188,7 @@ class ZenohBridge:
         latency = sorted(self._latency_s.copy())
         return self.service.health() | {
             "loop": {
-                "errors": self._errors,
+                "errors": self._guard.errors,
                 "dropped": self.inbox.dropped,
                 "latency_p50_s": _quantile(latency, 0.5),
                 "latency_p99_s": _quantile(latency, 0.99),

@@ -8,26 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from bridges.ros2.trajectories import TrajectoryMessage
-from twin_daemon.daemon.messages import JointSample, MalformedPayload
+from twin_daemon.daemon.messages import MalformedPayload
+from twin_daemon.recordings.trajectory_commands import TrajectoryMessage
 
 OK, WARN, ERROR = 0, 1, 2  # levels of diagnostic_msgs/DiagnosticStatus
 MAX_POINTS = 10_000
 _SECOND_NS = 1_000_000_000
-
-
-def residual_sample(payload: bytes) -> JointSample:
-    """The residual's JSON as a joint sample: position is measured minus predicted, rad.
-
-    Joints without a residual are left out. Raises MalformedPayload.
-    """
-    try:
-        told = json.loads(payload)
-        known = {name: float(value) for name, value in told["residual_rad"].items() if value is not None}
-        stamp_ns = int(told["stamp_ns"] or 0)
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise MalformedPayload("malformed", f"not a residual: {error!r:.200}") from None
-    return JointSample(stamp_ns, tuple(known), np.array(list(known.values()), dtype=float))
 
 
 def trigger_reply(payload: bytes | None, where: str, timeout_s: float) -> tuple[bool, str]:

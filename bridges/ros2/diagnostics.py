@@ -8,8 +8,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock
 from rclpy.node import Node
 
+from bridges.guard import Guard
 from bridges.ros2.conversions import OK, WARN, diagnosis
-from bridges.ros2.guard import Guard
 from bridges.ros2.link import ZenohLink
 from twin_daemon.hand import HandDescription
 

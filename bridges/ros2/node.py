@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections import Counter
 from typing import Any
@@ -16,14 +17,17 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from bridges import cdr
-from bridges.ros2.conversions import residual_sample, trajectory_message
+from bridges.guard import Guard
+from bridges.residual import known_residual
+from bridges.ros2.conversions import trajectory_message
 from bridges.ros2.diagnostics import Diagnostics
-from bridges.ros2.guard import Guard
 from bridges.ros2.link import ZenohLink
 from bridges.ros2.parameters import PERIOD, declare_parameters
 from bridges.ros2.services import offer_services
 from bridges.ros2.trajectories import TrajectoryFollower
 from twin_daemon.daemon.messages import MalformedPayload
+
+log = logging.getLogger("twin.bridge")
 
 NODE_NAME = "twin_bridge"
 _CONNECT_PERIOD_S = 0.1
@@ -46,12 +50,10 @@ class TwinBridge(Node):
     def __init__(self, given: dict[str, str]) -> None:
         """`given` are parameters from the command line. Raises BadInput or an exception of rclpy for unusable ones."""
         super().__init__(NODE_NAME, parameter_overrides=[Parameter(name, value=value) for name, value in given.items()])
-        self.guard = Guard()
+        self.guard = Guard(log)
         self._trajectories: Counter[str] = Counter()
-        self._latest: tuple[bytes, float] = (
-            b"",
-            float("-inf"),
-        )  # joint states: payload, arrival on the monotonic clock
+        # of the joint states: payload, and arrival on the monotonic clock
+        self._latest: tuple[bytes, float] = (b"", float("-inf"))
         self._follower = TrajectoryFollower()
         self.settings = settings = declare_parameters(self)
         guard = self.guard.around
@@ -161,7 +163,7 @@ class TwinBridge(Node):
     def _publish(self, stream: str, payload: bytes) -> None:
         try:
             if stream == "residual":
-                payload = cdr.encode(residual_sample(payload))
+                payload = cdr.encode(known_residual(payload))
             self._out[stream].publish(payload)
             self.link.counts[f"{stream}.published"] += 1
         except Exception as error:  # one message, not those behind it

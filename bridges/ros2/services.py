@@ -9,8 +9,8 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
+from bridges.guard import Guard
 from bridges.ros2.conversions import trigger_reply
-from bridges.ros2.guard import Guard
 from bridges.ros2.link import ZenohLink
 from twin_daemon.hand import HandDescription
 

@@ -3,24 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from twin_daemon.daemon.messages import JointSample, MalformedPayload
+from twin_daemon.recordings.trajectory_commands import Knot, TrajectoryMessage, replace_rest, sampled
 
 _MOST_NAMES = 256
-Knot = tuple[int, float]  # stamp in ns, target in rad
-
-
-@dataclass(frozen=True)
-class TrajectoryMessage:
-    """A checked trajectory that starts at `start_ns`: `times_ns` (w,) from then on, `position` (w, k) rad."""
-
-    start_ns: int
-    names: tuple[str, ...]
-    times_ns: np.ndarray
-    position: np.ndarray
 
 
 class TrajectoryFollower:
@@ -50,15 +39,9 @@ class TrajectoryFollower:
         for column, name in enumerate(message.names):
             times_ns = (message.start_ns + message.times_ns).tolist()
             points = list(zip(times_ns, message.position[:, column].tolist(), strict=True))
-            in_force = _value(self._plans.get(name, []), message.start_ns)
-            if in_force is None:
-                in_force = self._held[name] if name in self._held else measured(name)
-            plan = [knot for knot in self._plans.pop(name, []) if knot[0] < message.start_ns]
-            # without this knot the target would slope from the last old point; a first point at once is a step
-            hold_ns = message.start_ns - 1 if points and points[0][0] <= message.start_ns else message.start_ns
-            if in_force is not None and (not plan or plan[-1][0] < hold_ns):
-                plan.append((hold_ns, in_force))
-            if plan := plan + points:
+            plan = self._plans.pop(name, [])
+            replace_rest(plan, message.start_ns, points, self._held[name] if name in self._held else measured(name))
+            if plan:
                 self._plans[name] = plan
 
     def sample(self, now_ns: int) -> JointSample | None:
@@ -67,8 +50,8 @@ class TrajectoryFollower:
         for name, plan in list(self._plans.items()):
             while len(plan) > 1 and plan[1][0] <= now_ns:
                 del plan[0]
-            value = _value(plan, now_ns)
-            if value is None:
+            value = float(sampled(plan, np.array([now_ns]))[0])
+            if np.isnan(value):
                 continue
             targets[name] = value
             if len(plan) == 1:
@@ -76,11 +59,3 @@ class TrajectoryFollower:
         if not targets:
             return None
         return JointSample(now_ns, tuple(targets), np.array(list(targets.values())))
-
-
-def _value(plan: list[Knot], stamp_ns: int) -> float | None:
-    """The plan at a moment: None before its first knot, held after its last."""
-    if not plan or stamp_ns < plan[0][0]:
-        return None
-    base = plan[0][0]  # since 1970 in ns does not fit a float exactly, since the first knot does
-    return float(np.interp(stamp_ns - base, [at - base for at, _ in plan], [value for _, value in plan]))

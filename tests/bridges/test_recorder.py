@@ -14,7 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bridges import cdr
-from bridges.recorder import Recorder, residual_sample
+from bridges.recorder import Recorder
+from bridges.residual import residual_sample
 from twin_daemon.daemon.messages import JointSample, MalformedPayload
 from twin_daemon.errors import BadInput
 from twin_daemon.hand import load_hand

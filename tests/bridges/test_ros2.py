@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import logging
 import os
 import signal
 import subprocess
@@ -19,9 +20,10 @@ import pytest
 import zenoh
 
 from bridges import cdr
+from bridges.guard import Guard
+from bridges.residual import known_residual
 from bridges.ros2 import conversions
-from bridges.ros2.conversions import diagnosis, residual_sample, trajectory_message, trigger_reply
-from bridges.ros2.guard import Guard
+from bridges.ros2.conversions import diagnosis, trajectory_message, trigger_reply
 from bridges.ros2.trajectories import TrajectoryFollower, TrajectoryMessage
 from bridges.session import session_config
 from tests.processes.conftest import Twin, until
@@ -136,11 +138,11 @@ def test_a_trajectory_starts_at_its_stamp_or_when_it_came() -> None:
 
 
 def test_a_residual_leaves_out_joints_without_one() -> None:
-    sample = residual_sample(b'{"stamp_ns": 5, "residual_rad": {"a": 0.25, "b": null}}')
+    sample = known_residual(b'{"stamp_ns": 5, "residual_rad": {"a": 0.25, "b": null}}')
     assert (sample.stamp_ns, sample.names, sample.position.tolist()) == (5, ("a",), [0.25])
     for broken in (b"", b"[]", b"{}", b'{"stamp_ns": 1, "residual_rad": {"a": "x"}}'):
         with pytest.raises(MalformedPayload):
-            residual_sample(broken)
+            known_residual(broken)
 
 
 @pytest.mark.parametrize(
@@ -180,7 +182,7 @@ def test_no_health_is_an_error(payload: bytes | None) -> None:
 
 
 def test_a_failing_callback_warns_once(caplog: pytest.LogCaptureFixture) -> None:
-    guard = Guard()
+    guard = Guard(logging.getLogger("twin.bridge"))
     callback = guard.around("a division", lambda by: 1 / by)
     for by in (0, 0, 0, 1, 0):
         callback(by)

@@ -10,6 +10,9 @@ import numpy as np
 
 from twin_daemon.recordings.recording import Commands
 
+Knot = tuple[int, float]
+"""A stamp in ns, and the target in rad at it."""
+
 
 @dataclass(frozen=True)
 class TrajectoryMessage:
@@ -32,7 +35,7 @@ def expand_trajectories(
     its start or, where there was none, from where the joint was (`measured`), as trajectory controllers do. One without
     points stops the motion where it is.
     """
-    plans: dict[str, list[tuple[int, float]]] = {}
+    plans: dict[str, list[Knot]] = {}
     for message in messages:
         if not _usable(message, dropped):
             continue
@@ -42,12 +45,12 @@ def expand_trajectories(
             dropped["nan"] += int((~finite).sum())
             points = list(zip(times_ns[finite].tolist(), values[finite].tolist(), strict=True))
             plan = plans.setdefault(name, [])
-            _replace_rest(plan, message.start_ns, points, measured(name, message.start_ns))
+            replace_rest(plan, message.start_ns, points, measured(name, message.start_ns))
     plans = {name: plan for name, plan in plans.items() if plan}
     if not plans:
         return None
     stamp_ns = np.unique(np.concatenate([np.array([at for at, _ in plan], dtype=np.int64) for plan in plans.values()]))
-    position = np.column_stack([_sampled(plan, stamp_ns) for plan in plans.values()])
+    position = np.column_stack([sampled(plan, stamp_ns) for plan in plans.values()])
     return Commands(stamp_ns, tuple(plans), position, "linear")
 
 
@@ -63,10 +66,9 @@ def _usable(message: TrajectoryMessage, dropped: Counter[str]) -> bool:
     return False
 
 
-def _replace_rest(
-    plan: list[tuple[int, float]], start_ns: int, points: list[tuple[int, float]], measured: float | None
-) -> None:
-    in_force = float(_sampled(plan, np.array([start_ns]))[0]) if plan and plan[0][0] <= start_ns else measured
+def replace_rest(plan: list[Knot], start_ns: int, points: list[Knot], measured: float | None) -> None:
+    """Lets a plan go on with `points` from `start_ns`; it sets out from `measured` (rad) where none was in force."""
+    in_force = float(sampled(plan, np.array([start_ns]))[0]) if plan and plan[0][0] <= start_ns else measured
     while plan and plan[-1][0] >= start_ns:
         plan.pop()
     # Without this knot the signal would slope from the last old point; a first point at once is a step.
@@ -76,7 +78,7 @@ def _replace_rest(
     plan.extend(points)
 
 
-def _sampled(plan: list[tuple[int, float]], stamp_ns: np.ndarray) -> np.ndarray:
+def sampled(plan: list[Knot], stamp_ns: np.ndarray) -> np.ndarray:
     """The plan at the given stamps; NaN before its first knot, held after its last."""
     base = plan[0][0]  # since 1970 in ns does not fit a float exactly, since the first knot does
     at = np.array([knot - base for knot, _ in plan], dtype=float)
