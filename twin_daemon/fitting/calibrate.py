@@ -20,13 +20,11 @@ from twin_daemon.fitting.searches.least_squares import descend
 from twin_daemon.fitting.spaces import Space, knobs_of, objective_of
 from twin_daemon.fitting.tracker import Progress, Tracker
 from twin_daemon.simulation.alignment import Aligned
-from twin_daemon.simulation.submodel import parts
 from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
 
 _POLISH_ITERATIONS = 10
 _POLISH_SHARE = 0.2  # of a budget
-_ONSET_REACH_S = 0.15  # what a drive's lag can be
 
 
 @dataclass(frozen=True)
@@ -101,10 +99,15 @@ def calibrate(
         for stage, share in _stages(search, train, budget):
             if found.units:
                 aligned = judged(current(), train, objective)[1]
-            pieces = excerpts(aligned)
-            turned = (*knobs, *onset_knobs(twin, pieces)) if stage is not _polish and search in DESCENTS else knobs
+            descends = search in DESCENTS
             problems = reduced_problems(
-                start, pieces, turned, objective, separable=search in DESCENTS, prior_weight=space.anchor_rad
+                start,
+                excerpts(aligned),
+                knobs,
+                objective,
+                separable=descends,
+                free_onsets=descends and stage is not _polish,
+                prior_weight=space.anchor_rad,
             )
             found.run(problems, stage, share, seed)
     except KeyboardInterrupt:
@@ -140,28 +143,6 @@ def _stages(search: str, train: Sequence[Aligned], budget: int | None) -> list[t
         return [(SEARCHES[search], None), (_polish, None)]
     last = int(_POLISH_SHARE * budget)
     return [(SEARCHES[search], budget - last), (_polish, last)] if last else [(SEARCHES[search], budget)]
-
-
-def onset_knobs(twin: TwinModel, pieces: Sequence[Aligned]) -> list[Knob]:
-    """Each part's own correction (s) of an estimated onset, while nothing better is known.
-
-    It depends on the lag of every part's drive. Once these are fitted, the recording is aligned anew, as a whole.
-    """
-    free = [index for index, piece in enumerate(pieces) if piece.onset_free]
-    return [
-        Knob(
-            name=f"{part.name}.onset.{index}",
-            unit="s",
-            lower=-_ONSET_REACH_S,
-            upper=_ONSET_REACH_S,
-            start=0.0,
-            log=False,
-            writes=(("onset", str(index)),),
-            joints=part.joints,
-        )
-        for part in parts(twin)
-        for index in free
-    ]
 
 
 def _polish(tracker: Tracker, budget: int | None, seed: int) -> None:

@@ -16,6 +16,7 @@ from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
 
 _CONTACT_POSES = 60
+_ONSET_REACH_S = 0.15  # what a drive's lag can be
 
 
 @dataclass(frozen=True)
@@ -56,10 +57,16 @@ def reduced_problems(
     objective: Sequence[str],
     *,
     separable: bool,
+    free_onsets: bool = False,
     prior_weight: float = 0.0,
 ) -> list[SubProblem]:
-    """One sub-problem for each part of the hand that the knobs leave independent; one in all where they do not."""
+    """One sub-problem for each part of the hand that the knobs leave independent; one in all where they do not.
+
+    With `free_onsets` each has a correction of its own to every onset that was estimated: it depends on the lag of its
+    drives, and these are not known yet.
+    """
     contacts = any(touching(twin, r) for r in recordings)
+    onsets = [i for i, r in enumerate(recordings) if r.onset_free] if free_onsets else []
     found = parts(twin)
     groups = [(p, [k for k in knobs if set(k.joints) <= set(p.joints)]) for p in found]
     assigned = sum(len(ks) for _, ks in groups)
@@ -70,15 +77,24 @@ def reduced_problems(
         chosen = [p for p in found if needed & set(p.joints)]
         members = {n for p in chosen for n in (*p.joints, *p.trunk)}
         keep = _needed(twin, recordings, members, needed)
-        return [_sub(twin, recordings, knobs, objective, keep, contacts, 1.0, prior_weight)]
+        turned = [*knobs, *_onset_knobs(onsets, objective[0])]
+        return [_sub(twin, recordings, turned, objective, keep, contacts, 1.0, prior_weight)]
     out = []
     for part, own in groups:
         joints = [j for j in objective if j in part.joints]
         if own and joints:
             needed = {*joints, *(j for k in own for j in k.joints)}
             keep = _needed(twin, recordings, {*part.joints, *part.trunk}, needed)
-            out.append(_sub(twin, recordings, own, joints, keep, contacts, len(joints) / len(objective), prior_weight))
+            turned = [*own, *_onset_knobs(onsets, joints[0])]
+            share = len(joints) / len(objective)
+            out.append(_sub(twin, recordings, turned, joints, keep, contacts, share, prior_weight))
     return out
+
+
+def _onset_knobs(recordings: Sequence[int], label: str) -> list[Knob]:
+    """Corrections (s) of the onsets of some recordings, by their index; `label` tells problems apart."""
+    reach = _ONSET_REACH_S
+    return [Knob(f"{label}.onset.{i}", "s", -reach, reach, 0.0, False, writes=(("onset", str(i)),)) for i in recordings]
 
 
 def _needed(twin: TwinModel, recordings: Sequence[Aligned], members: set[str], needed: set[str]) -> tuple[str, ...]:
