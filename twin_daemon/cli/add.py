@@ -112,18 +112,11 @@ def _hint(twin: TwinModel, kind: Effect, place: Place) -> str:
     if kind.acts_on == "hand":
         return "Give --joint hand"
     fitting = [n for n in dict.fromkeys([*twin.actuators, *twin.joints]) if kind.applies(twin.place(n))]
-    related = {place.command, *_driven(twin, place)}
+    related = {place.command, *(twin.driven[twin.actuators.index(place.command)] if place.command else ())}
     near = [name for name in fitting if name in related] or fitting
     if not near:
         return f"{twin.hand.name} has no place for it"
     return f"Give --joint {' or '.join(near[:4])}"
-
-
-def _driven(twin: TwinModel, place: Place) -> list[str]:
-    if place.command is None:
-        return []
-    row = twin.drive[twin.actuators.index(place.command)]
-    return [joint for joint, share in zip(twin.joints, row, strict=True) if share]
 
 
 def _term(effect: str, target: str, values: Mapping[str, float]) -> EffectTerm:

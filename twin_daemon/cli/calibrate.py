@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -157,23 +158,28 @@ def _payload(result: Calibration, stored: str, notes: list[str], space: str, sea
         "wall_s": result.wall_s,
         "interrupted": result.interrupted,
         "onset_s": result.onsets_s,
-        "parameters": {
-            name: {
-                "value": p.value,
-                "unit": p.unit,
-                "lower": p.lower,
-                "upper": p.upper,
-                "at_bound": p.at_bound,
-                "ci95": [p.interval.lower, p.interval.upper],
-                "identifiable": p.interval.identifiability == "identifiable",
-                "identifiability": p.interval.identifiability,
-                "confused_with": p.interval.confused_with,
-            }
-            for name, p in result.parameters.items()
-        },
+        "parameters": fitted_values(result.parameters),
         "history": result.history,
         "version": stored,
         "notes": notes,
+    }
+
+
+def fitted_values(parameters: Mapping[str, FittedParameter]) -> dict[str, dict[str, Any]]:
+    """Fitted parameters by name, as the contract spells them."""
+    return {
+        name: {
+            "value": p.value,
+            "unit": p.unit,
+            "lower": p.lower,
+            "upper": p.upper,
+            "at_bound": p.at_bound,
+            "ci95": [p.interval.lower, p.interval.upper],
+            "identifiable": p.interval.identifiability == "identifiable",
+            "identifiability": p.interval.identifiability,
+            "confused_with": p.interval.confused_with,
+        }
+        for name, p in parameters.items()
     }
 
 

@@ -98,8 +98,7 @@ def joint_names(twin: TwinModel, given: Sequence[str] | None) -> list[str] | Non
         if place.joint is not None:
             names.append(place.target)
         else:
-            row = twin.drive[twin.actuators.index(place.target)]
-            names += [joint for joint, share in zip(twin.joints, row, strict=True) if share]
+            names += twin.joints_of(place.target)
     return list(dict.fromkeys(names))
 
 

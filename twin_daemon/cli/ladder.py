@@ -10,6 +10,7 @@ import typer
 
 from twin_daemon.cli import options
 from twin_daemon.cli.add import draft_of
+from twin_daemon.cli.calibrate import fitted_values
 from twin_daemon.cli.console import emit_json, people, plain_text
 from twin_daemon.cli.diagnose import IN_WORDS, streaming, train_and_held
 from twin_daemon.cli.session import Session, open_session, require_folder
@@ -87,16 +88,7 @@ def _payload(session: Session, ladder: Ladder, train: list[Aligned], held: list[
         "interrupted": ladder.interrupted,
         "parent": session.version,
         "terms": ladder.twin.terms.as_json(),
-        "parameters": {
-            name: {
-                "value": p.value,
-                "unit": p.unit,
-                "ci95": [p.interval.lower, p.interval.upper],
-                "at_bound": p.at_bound,
-                "identifiable": p.interval.identifiability,
-            }
-            for name, p in ladder.parameters.items()
-        },
+        "parameters": fitted_values(ladder.parameters),
     }
 
 

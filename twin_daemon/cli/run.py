@@ -61,7 +61,8 @@ def command(
 
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
     settings = load_config(config) if config is not None else TwinConfig()
-    chosen = load_named(hand or settings.hand, model or settings.model, namespace or settings.namespace)
+    hand, model = hand or settings.hand, model or settings.model
+    chosen = load_named(hand, model, namespace or settings.namespace)
     address = choose_endpoint(endpoint or settings.endpoint)
     silence_mujoco()
     source = ModelSource(chosen, version or settings.version)
@@ -82,7 +83,7 @@ def command(
         keeper.open(session)
         stack.callback(keeper.close)
         ros = RosKeys(settings.ros) if settings.ros is not None else None
-        diagnoser = Diagnoser(keeper, service, _named_hand(hand or settings.hand, model or settings.model))
+        diagnoser = Diagnoser(keeper, service, _named_hand(hand, model))
         stack.callback(diagnoser.close)
         answers = {"versions": source.answer, "diagnose": diagnoser.start, "diagnosis": diagnoser.latest}
         bridge = ZenohBridge(session, service, answers, ring, ros)

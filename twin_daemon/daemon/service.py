@@ -69,7 +69,7 @@ class TwinService:
         self._was_stale = True
         self._lock = threading.RLock()
         self._load(twin, version)
-        self._tell("started", f"the twin of {self.hand.description.name} runs version {version['id']}")
+        self.tell("started", f"the twin of {self.hand.description.name} runs version {version['id']}")
 
     # -- in ------------------------------------------------------------------------------------------------
 
@@ -85,9 +85,9 @@ class TwinService:
                 self.residuals.clear()
                 self.timing.forget()
                 self.predictor.restart()
-                self._tell("stamps_restarted", "the stamps of the hand start again at an earlier time")
+                self.tell("stamps_restarted", "the stamps of the hand start again at an earlier time")
             if self.timing.add(accepted.stamp_ns, arrival_ns) == "clock_jump":
-                self._tell("clock_jump", "the hand's clock was set: its stamps jump while its messages come in step")
+                self.tell("clock_jump", "the hand's clock was set: its stamps jump while its messages come in step")
             now_s = self.monotonic_s()
             self.mirror.update(accepted, now_s)
             return self._predict(accepted.stamp_ns, accepted.index, now_s)
@@ -97,7 +97,7 @@ class TwinService:
         prediction = self.predictor.advance(stamp_ns, self.mirror.position, self.mirror.velocity)
         self.predicted, self.stamp_ns = prediction.position, stamp_ns
         if prediction.anchored:
-            self._tell("anchored", f"the model was set to the measurement ({prediction.anchored})")
+            self.tell("anchored", f"the model was set to the measurement ({prediction.anchored})")
         else:
             residual = np.full(len(self.joints), np.nan)
             residual[index] = self.mirror.position[index] - prediction.position[index]
@@ -120,7 +120,7 @@ class TwinService:
                 if not self.predictor.command(self._command_stamp(sample.stamp_ns), sample.names, sample.position):
                     kind = "unknown_names" if np.isfinite(sample.position).any() else "not_finite"
                 elif first and self.command_arrival_s is None:
-                    self._tell("commands", "the first command has been seen: the model follows the commands from here")
+                    self.tell("commands", "the first command has been seen: the model follows the commands from here")
             if kind is not None:
                 self.command_counts[kind] += 1
                 return False
@@ -171,7 +171,7 @@ class TwinService:
             self._load(twin, version, self.predictor)
             self.residuals.clear()
             self.drifts.clear()
-            self._tell("version", f"version {version['id']} replaces {before}")
+            self.tell("version", f"version {version['id']} replaces {before}")
 
     def _load(self, twin: TwinModel, version: dict[str, Any], before: Predictor | None = None) -> None:
         predictor = Predictor(twin, self.settings.horizon_s, self.settings.max_catch_up_s)
@@ -191,9 +191,9 @@ class TwinService:
             if stale != self._was_stale:
                 self._was_stale = stale
                 if stale:
-                    self._tell("stale", f"no joint states for {self.settings.stale_after_s:g} s")
+                    self.tell("stale", f"no joint states for {self.settings.stale_after_s:g} s")
                 else:
-                    self._tell("fresh", "joint states arrive")
+                    self.tell("fresh", "joint states arrive")
             return self.events.take()
 
     @property
@@ -245,15 +245,12 @@ class TwinService:
         return reports.header(self) | {"version": version["id"], "joints": list(twin.joints), "mjcf": known}
 
     def tell(self, kind: str, text: str, data: dict[str, Any] | None = None) -> None:
-        """Adds an event of somebody beside the service."""
+        """Adds an event."""
         with self._lock:
-            self._tell(kind, text, data)
-
-    def _tell(self, kind: str, text: str, data: dict[str, Any] | None = None) -> None:
-        self.events.add(self.wall_ns(), kind, text, data)
+            self.events.add(self.wall_ns(), kind, text, data)
 
     def _tell_drift(self, alarm: Alarm) -> None:
-        self._tell(
+        self.tell(
             "drift",
             f"{alarm.joint} drifts from its twin: {alarm.recent_rmse_rad:.4f} rad, once {alarm.baseline_rmse_rad:.4f}",
             {

@@ -10,6 +10,7 @@ import numpy as np
 from twin_daemon.diagnosis.nuisances import OWN
 from twin_daemon.effects import LIBRARY
 from twin_daemon.effects.base import Effect, Parameter
+from twin_daemon.fitting.effect_knobs import value_knob
 from twin_daemon.fitting.knobs import Knob
 from twin_daemon.simulation.terms import EffectTerm
 from twin_daemon.simulation.twin import TwinModel
@@ -39,17 +40,7 @@ class Hypothesis:
         for p in self.effect.parameters:
             lower, upper = self._box(p)
             if lower < upper and not p.held:
-                knobs.append(
-                    Knob(
-                        name=f"{self.name}.{p.name}",
-                        unit=p.unit,
-                        lower=lower,
-                        upper=upper,
-                        start=float(min(max(complete[p.name], lower), upper)),
-                        log=p.log and lower > 0,
-                        writes=(("effect", self.name, p.name),),
-                    )
-                )
+                knobs.append(value_knob(self.effect.key, self.target, p, (lower, upper), complete[p.name]))
         return tuple(knobs)
 
     def _box(self, p: Parameter) -> tuple[float, float]:
@@ -105,8 +96,7 @@ class Hypothesis:
 
 def hypotheses(twin: TwinModel, joints: Sequence[str], *, whole_hand: bool) -> list[Hypothesis]:
     """All effects at the given joints and their servos, without those that the twin already has."""
-    driving = [a for a, row in zip(twin.actuators, twin.drive, strict=True)
-               if any(row[twin.joints.index(j)] for j in joints)]  # fmt: skip
+    driving = [a for a, driven in zip(twin.actuators, twin.driven, strict=True) if set(driven) & set(joints)]
     targets: list[str] = list(joints)
     targets += [command for command in driving if command not in targets]
     targets += ["hand"] if whole_hand else []

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from twin_daemon.diagnosis.fit import Fit
 from twin_daemon.diagnosis.gate import HeldOut
 from twin_daemon.diagnosis.intervals import knob_interval, unit_sigmas
@@ -114,14 +112,10 @@ def _finding(part: PartFit, fit: Fit, judged: HeldOut, rivals: tuple[str, ...]) 
         interval = knob_interval(fit, knob, widths[index])
         parameters[name] = FittedValue(fit.values[name], knob.unit, interval)
     twin = part.twin
-    driven: list[str] = []
-    if hypothesis.target in twin.actuators:
-        row = twin.drive[twin.actuators.index(hypothesis.target)]
-        driven = [twin.joints[j] for j in np.flatnonzero(row)]
-    elif hypothesis.target == "hand":
-        driven = list(part.joints)
-    own = [] if hypothesis.target == "hand" else [hypothesis.target]
-    joints = (*own, *(joint for joint in driven if joint not in own))
+    if hypothesis.target == "hand":
+        joints = tuple(part.joints)
+    else:
+        joints = tuple(dict.fromkeys((hypothesis.target, *twin.joints_of(hypothesis.target))))
     effect = hypothesis.effect
     return Finding(
         effect=effect.key,

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from twin_daemon.diagnosis.refit import driven_by, refit_effect
+from twin_daemon.diagnosis.refit import refit_effect
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding
 from twin_daemon.diagnosis.whitened import MODEL_FLOOR_RAD
 from twin_daemon.effects import LIBRARY
@@ -162,8 +162,8 @@ def _term(finding: Finding) -> EffectTerm:
 
 def _commands(twin: TwinModel, joints: Sequence[str]) -> list[str]:
     """The commands that move these joints and that the hand knows."""
-    wanted = {joint for name in joints for joint in driven_by(twin, name)}
-    return [n for n in twin.actuators if n in twin.hand.description.commands and wanted & set(driven_by(twin, n))]
+    wanted = {joint for name in joints for joint in twin.joints_of(name)}
+    return [n for n in twin.actuators if n in twin.hand.description.commands and wanted & set(twin.joints_of(n))]
 
 
 def motion(hand: Hand, commands: Sequence[str], waypoints: Waypoints, name: str) -> Trajectory:

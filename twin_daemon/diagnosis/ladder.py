@@ -99,10 +99,10 @@ def climb(
     """Adds one effect after another, each fitted on `train` and counted only where `holdout` gets better by it.
 
     What in the end predicts held-out motion worse than the raw command does is taken back, all of it. With each effect
-    the model's own parameters of its part are refitted under their priors; what these alone would
-    do, without any effect, is `parameters_alone`. Where `holdout` was cut out of the same recordings, these are
-    `whole`: in the end the values are fitted to all of them, and nothing is left to judge that by. Ctrl-C ends it;
-    the steps done are in the answer.
+    the model's own parameters of its part are refitted under their priors; what these alone would do, without any
+    effect, is `parameters_alone`. Where `holdout` was cut out of the same recordings, these are `whole`: in the end
+    the values are fitted to all of them, and nothing is left to judge that by. Ctrl-C ends it; the steps done are in
+    the answer.
     """
     speak = say or (lambda _: None)
     ladder = Ladder(twin, [_step(None, {}, twin, train, holdout, None)])
@@ -122,6 +122,7 @@ def climb(
     together = False
     try:
         look(None)
+        at_first = dict(open_parts)
         if ladder.steps[0].verdict not in ("not_excited", "within_noise"):
             alone = twin.changed(twin.terms.with_parameters(refit_parameters(twin, train)))
             ladder.parameters_alone = (mean_error(alone, train), mean_error(alone, holdout))
@@ -145,7 +146,7 @@ def climb(
             fit_together()
         if _worse_than_raw(ladder, holdout):
             ladder.take_back(twin)
-            look(None)
+            open_parts = at_first
         if whole and any(step.together for step in ladder.steps):
             speak("fitting the same values to the whole recordings")
             ladder.twin, ladder.parameters = _refitted(ladder.twin, whole, seed)

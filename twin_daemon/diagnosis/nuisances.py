@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from twin_daemon.fitting.knobs import Knob, Prior
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
@@ -43,10 +41,7 @@ def nuisance_knobs(twin: TwinModel, recordings: Sequence[Aligned], joints: Seque
     search may walk along this valley, a servo's factor scales what it drives as well, and the factors of damping,
     friction and armature are what they have beyond it. Priors are about the whole factor of each parameter.
     """
-    driven_by = {
-        f"{actuator}.kp": [twin.joints[j] for j in np.flatnonzero(row)]
-        for actuator, row in zip(twin.actuators, twin.drive, strict=True)
-    }
+    driven_by = {f"{actuator}.kp": driven for actuator, driven in zip(twin.actuators, twin.driven, strict=True)}
     known = {
         name: joint
         for kind in _KINDS

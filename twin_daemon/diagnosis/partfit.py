@@ -83,16 +83,15 @@ class PartFit:
     @property
     def groups(self) -> list[frozenset[str]]:
         """The part's joints by what moves them: the joints of one servo together, others alone."""
-        driven = [frozenset(self.twin.joints[i] for i in np.flatnonzero(row)) for row in self.twin.drive]
+        driven = map(frozenset, self.twin.driven)
         found = [group for group in driven if group & set(self.joints)]
         return found + [frozenset({j}) for j in self.joints if not any(j in group for group in found)]
 
     def group_of(self, target: str) -> frozenset[str] | None:
         """The joints that an effect at a joint or a command is about; None for the whole hand."""
-        for actuator, row in zip(self.twin.actuators, self.twin.drive, strict=True):
-            driven = frozenset(self.twin.joints[i] for i in np.flatnonzero(row))
+        for actuator, driven in zip(self.twin.actuators, self.twin.driven, strict=True):
             if target == actuator or target in driven:
-                return driven
+                return frozenset(driven)
         return frozenset({target}) if target in self.twin.joints else None
 
     @cached_property

@@ -73,7 +73,7 @@ def refit_effect(
     notes: list[str] = []
     for members, own in _groups(twin, targets):
         joints = [n for n in twin.joints if n in members and n in moving]
-        still = [t for t in own if t != "hand" and not set(driven_by(twin, t)) & moving]
+        still = [t for t in own if t != "hand" and not set(twin.joints_of(t)) & moving]
         if still or not joints:
             raise BadInput(
                 f"{', '.join(still or own)} does not move in these recordings: nothing to fit '{effect.key}' to",
@@ -108,19 +108,11 @@ def refit_parameters(twin: TwinModel, recordings: Sequence[Aligned]) -> dict[str
     return parameters
 
 
-def driven_by(twin: TwinModel, target: str) -> list[str]:
-    """The joints that a target stands for: itself, or what the command drives."""
-    if target in twin.joints:
-        return [target]
-    row = twin.drive[twin.actuators.index(target)]
-    return [joint for joint, share in zip(twin.joints, row, strict=True) if share]
-
-
 def _groups(twin: TwinModel, targets: Sequence[str]) -> list[tuple[set[str], list[str]]]:
     """(joints that are judged, targets that are fitted together): part by part."""
     if "hand" in targets:
         return [(set(twin.joints), list(targets))]
-    groups = [(set(p.joints), [t for t in targets if set(driven_by(twin, t)) & set(p.joints)]) for p in parts(twin)]
+    groups = [(set(p.joints), [t for t in targets if set(twin.joints_of(t)) & set(p.joints)]) for p in parts(twin)]
     return [(members, own) for members, own in groups if own]
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from twin_daemon.effects import LIBRARY
 from twin_daemon.effects.base import Parameter
 from twin_daemon.errors import BadInput, nearest
@@ -20,12 +18,12 @@ def knobs_of_effects(twin: TwinModel, moving: Sequence[str]) -> list[Knob]:
     """
     knobs = []
     for term in twin.terms.effects:
-        joints = joints_of(twin, term.target)
-        if joints & set(moving):
-            for parameter in LIBRARY[term.effect].parameters:
-                if not parameter.held:
-                    start = term.values.get(parameter.name, parameter.default)
-                    knobs.append(_knob(twin, term.effect, term.target, parameter, start, None))
+        joints = twin.joints_of(term.target)
+        if set(joints) & set(moving):
+            for p in LIBRARY[term.effect].parameters:
+                if not p.held:
+                    start = term.values.get(p.name, p.default)
+                    knobs.append(value_knob(term.effect, term.target, p, (p.lower, p.upper), start, joints))
     return knobs
 
 
@@ -44,27 +42,23 @@ def named_value_knobs(
         raise BadInput(f"space '{space}': '{key}' has no parameter '{name}'", todo=nearest(name, known))
     if len(known) > 1:
         raise BadInput(f"space '{space}': '{key}' has {len(known)} parameters", todo="Add it first, and turn 'effects'")
+    parameter = known[name]
     present = {(t.effect, t.target): t.values for t in twin.terms.effects}
-    places = [t for t in targets if LIBRARY[key].applies(twin.place(t))]
-    return [
-        _knob(twin, key, t, known[name], present.get((key, t), {}).get(name, known[name].neutral), reach)
-        for t in places
-    ]
+    knobs = []
+    for target in targets:
+        if LIBRARY[key].applies(twin.place(target)):
+            start = present.get((key, target), {}).get(name, parameter.neutral)
+            lower = parameter.lower if reach is None else max(parameter.lower, start - reach)
+            upper = parameter.upper if reach is None else min(parameter.upper, start + reach)
+            knobs.append(value_knob(key, target, parameter, (lower, upper), start, twin.joints_of(target)))
+    return knobs
 
 
-def joints_of(twin: TwinModel, target: str) -> set[str]:
-    """The joints (names in the data) that an effect's target concerns; none for the whole hand."""
-    if target in twin.joints:
-        return {target}
-    if target not in twin.actuators:
-        return set()
-    row = twin.drive[twin.actuators.index(target)]
-    return {twin.joints[i] for i in np.flatnonzero(row)}
-
-
-def _knob(twin: TwinModel, key: str, target: str, parameter: Parameter, start: float, reach: float | None) -> Knob:
-    lower = parameter.lower if reach is None else max(parameter.lower, start - reach)
-    upper = parameter.upper if reach is None else min(parameter.upper, start + reach)
+def value_knob(
+    key: str, target: str, parameter: Parameter, bounds: tuple[float, float], start: float, joints: tuple[str, ...] = ()
+) -> Knob:
+    """One value of an effect at its target as a dimension of a search, within bounds in the parameter's unit."""
+    lower, upper = bounds
     return Knob(
         name=f"{key}:{target}.{parameter.name}",
         unit=parameter.unit,
@@ -73,5 +67,5 @@ def _knob(twin: TwinModel, key: str, target: str, parameter: Parameter, start: f
         start=float(min(max(start, lower), upper)),
         log=parameter.log and lower > 0,
         writes=(("effect", f"{key}:{target}", parameter.name),),
-        joints=tuple(n for n in twin.joints if n in joints_of(twin, target)),
+        joints=joints,
     )

@@ -48,8 +48,8 @@ def parts(twin: TwinModel) -> tuple[Part, ...]:
         for b in carried:
             if a not in trunk and b not in trunk:
                 parent[root(b)] = root(a)
-    for row in twin.drive:
-        together = [twin.joints[j] for j in np.flatnonzero(row) if twin.joints[j] not in trunk]
+    for driven in twin.driven:
+        together = [name for name in driven if name not in trunk]
         for b in together[1:]:
             parent[root(b)] = root(together[0])
     found = []
@@ -86,10 +86,9 @@ def upwards(model: mujoco.MjModel, body: int) -> list[int]:
 def with_coupled(twin: TwinModel, joints: Collection[str]) -> tuple[str, ...]:
     """The joints and those that share an actuator with one of them, in the twin's order."""
     keep = set(joints)
-    for row in twin.drive:
-        coupled = {twin.joints[j] for j in np.flatnonzero(row)}
-        if coupled & keep:
-            keep |= coupled
+    for driven in twin.driven:
+        if keep.intersection(driven):
+            keep.update(driven)
     return tuple(n for n in twin.joints if n in keep)
 
 

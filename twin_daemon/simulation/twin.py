@@ -118,6 +118,17 @@ class TwinModel:
                     drive[actuator, column[name]] = coefficient
         return drive
 
+    @cached_property
+    def driven(self) -> tuple[tuple[str, ...], ...]:
+        """The joints that each actuator moves, in the order of `actuators`."""
+        return tuple(tuple(self.joints[i] for i in np.flatnonzero(row)) for row in self.drive)
+
+    def joints_of(self, target: str) -> tuple[str, ...]:
+        """The joints that a target stands for: itself, or what the command drives; none for the whole hand."""
+        if target in self.joints:
+            return (target,)
+        return self.driven[self.actuators.index(target)] if target in self.actuators else ()
+
     def place(self, target: str) -> Place:
         """Where an effect acts, from the name of a joint or of a command as in the data ('hand' for the whole)."""
         if target == "hand":
