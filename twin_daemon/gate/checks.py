@@ -1,0 +1,254 @@
+"""The checks that a request must pass, one function each. Each says what is wrong, what is allowed, what follows.
+
+A check gets the request and the gate's situation, and has no memory and no clock of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from twin_daemon.gate.identity import Who
+from twin_daemon.gate.limits import Limits
+from twin_daemon.gate.motion import Motion
+from twin_daemon.gate.preview import Collision
+from twin_daemon.gate.settings import GateSettings
+
+NOTHING_SENT = "nothing was sent to the hand"
+_RATIO_SLACK = 1.0 + 1e-6  # of velocities that were differentiated from rounded numbers
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Why a request was refused. `check` is the name of the check, for programs."""
+
+    check: str
+    why: str
+    allowed: str | None = None
+    consequence: str = NOTHING_SENT
+
+    def line(self) -> str:
+        allowed = f". Allowed: {self.allowed}" if self.allowed else ""
+        return f"{self.why}{allowed}; {self.consequence}"
+
+
+@dataclass(frozen=True)
+class Situation:
+    """What the gate knows when it is asked. Arrays by command, (c,)."""
+
+    mode: str  # read_only, armed, stopped
+    commander: str | None
+    stopped_because: str | None
+    session: str
+    last_sequence: int
+    limits: Limits
+    settings: GateSettings
+    setpoint: np.ndarray
+    age_s: np.ndarray  # since each command's joints were last measured; infinite before the first time
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A request with what follows from it. `motion` is what it would do, where it would do something."""
+
+    verb: str
+    who: Who | None
+    session: str = ""
+    sequence: int = 0
+    age_s: float = 0.0
+    reason: str = ""
+    lease_s: float = 0.0
+    targets: Mapping[str, float] = field(default_factory=dict)
+    motion: Motion | None = None
+    collision: Callable[[], Collision | None] = lambda: None
+
+
+Check = Callable[[Asked, Situation], Refusal | None]
+
+
+def identity_proved(asked: Asked, _: Situation) -> Refusal | None:
+    if asked.who is not None:
+        return None
+    return Refusal("identity", "this identity is not known here, or its proof is wrong", "identities of the key file")
+
+
+def may_command(asked: Asked, _: Situation) -> Refusal | None:
+    if asked.who is not None and asked.who.role == "operator":
+        return None
+    name = asked.who.name if asked.who is not None else "nobody"
+    return Refusal("role", f"{name} may look and stop, and not command", "an identity with the role operator")
+
+
+def of_this_session(asked: Asked, situation: Situation) -> Refusal | None:
+    if asked.session == situation.session:
+        return None
+    return Refusal("session", "the request was made for another life of the gate", "the session that status tells")
+
+
+def in_order(asked: Asked, situation: Situation) -> Refusal | None:
+    if asked.sequence > situation.last_sequence:
+        return None
+    return Refusal(
+        "order", f"request {asked.sequence} came after {situation.last_sequence}", "a sequence that grows with each"
+    )
+
+
+def recent(asked: Asked, situation: Situation) -> Refusal | None:
+    most_s = situation.settings.command_age_s
+    if abs(asked.age_s) <= most_s:
+        return None
+    return Refusal("fresh", f"the request was made {asked.age_s:.3g} s ago", f"at most {most_s:g} s, either way")
+
+
+def not_stopped(_: Asked, situation: Situation) -> Refusal | None:
+    if situation.mode != "stopped":
+        return None
+    return Refusal("stopped", f"the gate is stopped: {situation.stopped_because}", "an explicit release first")
+
+
+def is_stopped(_: Asked, situation: Situation) -> Refusal | None:
+    if situation.mode == "stopped":
+        return None
+    return Refusal("release", "the gate is not stopped", "release after a stop", "nothing changes")
+
+
+def has_reason(asked: Asked, _: Situation) -> Refusal | None:
+    if asked.reason.strip():
+        return None
+    return Refusal("reason", f"{asked.verb} needs a reason, for the record", "a few words", "nothing changes")
+
+
+def nobody_else(asked: Asked, situation: Situation) -> Refusal | None:
+    holder = situation.commander
+    if holder is None or (asked.who is not None and asked.who.name == holder):
+        return None
+    return Refusal("commander", f"{holder} has armed the hand", f"to wait until {holder} disarms, or to stop it")
+
+
+def hand_is_heard(_: Asked, situation: Situation) -> Refusal | None:
+    age_s = float(situation.age_s.min(initial=np.inf))
+    if age_s <= situation.settings.state_timeout_s:
+        return None
+    return Refusal("heard", _silence("the hand", age_s), f"{situation.settings.state_timeout_s:g} s at most")
+
+
+def armed_by_asker(asked: Asked, situation: Situation) -> Refusal | None:
+    if situation.mode == "armed" and asked.who is not None and asked.who.name == situation.commander:
+        return None
+    return Refusal("armed", "the hand is not armed by you", "arm first, with a reason")
+
+
+def something_asked(asked: Asked, _: Situation) -> Refusal | None:
+    return None if asked.targets else Refusal("empty", "no joint is named", "one target or more")
+
+
+def finite(asked: Asked, _: Situation) -> Refusal | None:
+    for name, value in asked.targets.items():
+        if not np.isfinite(value):
+            return Refusal("finite", f"the target of {name} is {value}", "finite numbers, in rad")
+    return None
+
+
+def inside_bounds(asked: Asked, situation: Situation) -> Refusal | None:
+    limits, motion = situation.limits, asked.motion
+    if motion is None:
+        return None
+    for i, name in enumerate(limits.names):
+        # the first row of a longer table is where the hand is already
+        column = motion.table[1:, i] if len(motion.table) > 1 else motion.table[:, i]
+        beyond = column[(column < limits.lower[i]) | (column > limits.upper[i])]
+        if beyond.size:
+            return Refusal(
+                "bounds",
+                f"{name} would go to {beyond[np.argmax(np.abs(beyond))]:.4f} rad",
+                f"{limits.lower[i]:.4f} to {limits.upper[i]:.4f} rad",
+            )
+    return None
+
+
+def not_too_fast(asked: Asked, situation: Situation) -> Refusal | None:
+    limits, motion = situation.limits, asked.motion
+    if motion is None:
+        return None
+    share = motion.fastest() / limits.velocity
+    worst = int(np.argmax(share))
+    if share[worst] <= _RATIO_SLACK:
+        return None
+    return Refusal(
+        "velocity",
+        f"{limits.names[worst]} would move at {share[worst] * limits.velocity[worst]:.2f} rad/s",
+        f"{limits.velocity[worst]:.2f} rad/s: {share[worst]:.1f} times the time would do",
+    )
+
+
+def no_jump(asked: Asked, situation: Situation) -> Refusal | None:
+    motion, most_rad = asked.motion, situation.settings.jump_rad
+    if motion is None:
+        return None
+    away = np.nan_to_num(np.abs(motion.table[-1] - situation.setpoint))
+    worst = int(np.argmax(away))
+    if away[worst] <= most_rad:
+        return None
+    return Refusal(
+        "jump",
+        f"the target of {situation.limits.names[worst]} is {away[worst]:.3f} rad from where the hand is sent",
+        f"{most_rad:g} rad in one streamed target; 'move' goes farther",
+    )
+
+
+def joints_are_heard(asked: Asked, situation: Situation) -> Refusal | None:
+    motion = asked.motion
+    if motion is None:
+        return None
+    age_s = np.where(motion.moved, situation.age_s, 0.0)
+    worst = int(np.argmax(age_s))
+    if age_s[worst] <= situation.settings.state_timeout_s:
+        return None
+    name = situation.limits.names[worst]
+    return Refusal("stale", _silence(name, age_s[worst]), f"{situation.settings.state_timeout_s:g} s at most")
+
+
+def no_collision(asked: Asked, _: Situation) -> Refusal | None:
+    found = asked.collision()
+    if found is None:
+        return None
+    return Refusal(
+        "collision", f"{found}, {found.share:.0%} of the way", "a way on which the hand stays clear of itself"
+    )
+
+
+def _silence(what: str, age_s: float) -> str:
+    return f"{what} was last heard {age_s:.3f} s ago" if np.isfinite(age_s) else f"{what} was never heard"
+
+
+IDENTITY: tuple[Check, ...] = (identity_proved, may_command, of_this_session, in_order, recent)
+"""Whose request it is, before anything is computed for it."""
+ALLOWED: dict[str, tuple[Check, ...]] = {
+    "arm": (not_stopped, nobody_else, has_reason, hand_is_heard),
+    "disarm": (armed_by_asker,),
+    "beat": (armed_by_asker,),
+    "stop": (),
+    "release": (is_stopped, has_reason),
+    "move": (not_stopped, armed_by_asker),
+    "trajectory": (not_stopped, armed_by_asker),
+    "target": (not_stopped, armed_by_asker),
+}
+"""Whether the gate's mode allows it."""
+PLANNED: tuple[Check, ...] = (something_asked, finite, joints_are_heard, inside_bounds)
+MOTION: dict[str, tuple[Check, ...]] = {
+    "move": (*PLANNED, not_too_fast, no_collision),
+    "trajectory": (*PLANNED, not_too_fast, no_collision),
+    "target": (*PLANNED, no_jump, no_collision),
+}
+"""What a motion must pass. A rehearsal passes no other."""
+
+
+def first_refusal(checks: tuple[Check, ...], asked: Asked, situation: Situation) -> Refusal | None:
+    """The first check that refuses, if any does."""
+    for check in checks:
+        refusal = check(asked, situation)
+        if refusal is not None:
+            return refusal
+    return None

@@ -1,0 +1,351 @@
+"""The gate: asked by commanders, turned by a clock, it alone lets commands out. Read-only until somebody arms it.
+
+Every request passes the checks, every turn the trips, and every setpoint the shaper and a look ahead to where it
+could come to rest. Whatever is lost (commander, hand, lease, time), the setpoints come to rest and stay.
+It is software on a computer that can fail: no certified stop, and no substitute for one.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import secrets
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from twin_daemon.errors import BadInput
+from twin_daemon.gate.checks import ALLOWED, IDENTITY, MOTION, Asked, Refusal, Situation, first_refusal, identity_proved
+from twin_daemon.gate.identity import Who
+from twin_daemon.gate.limits import limits_of
+from twin_daemon.gate.motion import Motion, commands_of
+from twin_daemon.gate.planning import Planner
+from twin_daemon.gate.preview import Preview
+from twin_daemon.gate.requests import Follow, Move, Request
+from twin_daemon.gate.sendable import Sendable, make_sendable
+from twin_daemon.gate.settings import GateSettings
+from twin_daemon.gate.shaper import Shaper
+from twin_daemon.gate.trips import Trip, Trips, Turn
+from twin_daemon.simulation.twin import TwinModel
+
+Witness = Callable[[dict[str, Any]], None]
+_REMEMBERED = 512  # stamps of commands that were sent
+_RESEND_S = 0.2  # a target that is held is said again: one message may be lost
+_BEYOND_RAD = 1.0  # of its range; no reading of a joint is farther out
+_SAG_RAD = 0.1  # a servo under load rests so far from its target
+_GRACE_S = 0.5  # for another source to notice that it is no longer the only one
+
+
+class Gate:
+    """`witness` gets every decision as a plain object before it takes effect; an OSError of it means refused.
+
+    Times are of a monotonic clock, `wall_ns` of the clock that stamps come from. Safe to use from several threads.
+    """
+
+    def __init__(
+        self, twin: TwinModel, settings: GateSettings, witness: Witness = lambda _: None, session: str | None = None
+    ) -> None:
+        self.settings = settings
+        self.session = session or secrets.token_hex(8)
+        self.limits = limits_of(twin.hand, settings)
+        self._hand = twin.hand
+        self._witness = witness
+        self._dt_s = 1.0 / settings.rate_hz
+        self._asking, self._lock = threading.Lock(), threading.RLock()
+        self._shaper = Shaper(self.limits)
+        self._trips = Trips(settings)
+        self._mode = "read_only"
+        self._commander: str | None = None
+        self._reason = self._ended = ""
+        self._until_s = self._beat_s = -np.inf
+        self._generation = 0
+        self._sequences: dict[str, int] = {}
+        self._motion: Motion | None = None
+        self._last_turn_s: float | None = None
+        self._sent: deque[int] = deque(maxlen=_REMEMBERED)
+        self._sent_s = self._first_sent_s = -np.inf
+        self._sent_row = np.full(len(self.limits.names), np.nan)
+        self._number = self._stamp_ns = 0
+        self._measured = np.full(len(twin.joints), np.nan)
+        self._arrival_s = np.full(len(twin.joints), -np.inf)
+        low, high = np.array([twin.hand.joint_range_rad.get(name, (-np.inf, np.inf)) for name in twin.joints]).T
+        bounded = np.isfinite(high - low)
+        self._middle = np.where(bounded, 0.5 * (low + high), 0.0)
+        self._reach = np.where(bounded, 0.5 * (high - low) + _BEYOND_RAD, np.inf)
+        self._effort: dict[str, float] = {}
+        self._seen = np.full(len(self.limits.names), np.nan)
+        parts = [[twin.joints.index(j) for j in info.joints] for info in twin.hand.description.commands.values()]
+        self._parts = np.array([joint for joints in parts for joint in joints], dtype=int)
+        self._firsts = np.cumsum([0, *map(len, parts[:-1])])
+        self.use(twin)
+
+    def use(self, twin: TwinModel) -> None:
+        """Looks ahead and rehearses with this model from now on."""
+        ahead, planner = Preview(twin, self.settings.collision_depth_m), Planner(twin, self.limits, self.settings)
+        with self._lock:
+            self._ahead, self._planner = ahead, planner
+
+    # -- what is seen of the hand --------------------------------------------------------------------------
+
+    def measured(self, position: np.ndarray, arrival_s: np.ndarray, effort: Mapping[str, float] | None = None) -> None:
+        """Where the joints (j,) were last measured, rad, and when that arrived, s. A reading that its joint cannot
+        reach says nothing: the joint grows old."""
+        with self._lock, np.errstate(invalid="ignore"):
+            known = np.abs(position - self._middle) <= self._reach
+            self._measured[known], self._arrival_s[known] = position[known], arrival_s[known]
+            if effort:
+                self._effort.update(effort)
+
+    def seen(self, stamp_ns: int, names: tuple[str, ...], position: np.ndarray, now_s: float) -> None:
+        """A command on its way to the hand. One that is not the gate's own ends what the gate does."""
+        if stamp_ns in self._sent:
+            return
+        with self._lock:
+            try:
+                row = commands_of(self._hand, dict(zip(names, position.tolist(), strict=True)))
+            except (BadInput, ValueError):
+                return
+            for name, value in row.items():
+                self._seen[self.limits.names.index(name)] = value
+            if self._mode == "armed" and now_s > self._first_sent_s + _GRACE_S > 0.0:
+                self._end(Trip("foreign", "somebody else sends commands to this hand, past the gate"), now_s)
+
+    # -- requests ------------------------------------------------------------------------------------------
+
+    def ask(self, verb: str, request: Request, who: Who | None, now_s: float, wall_ns: int) -> dict[str, Any]:
+        """Whether a request is accepted, and why not. None for `who` is somebody whose proof was wrong."""
+        # planning takes time, and a stop must not wait for it
+        with self._asking if verb in MOTION else contextlib.nullcontext():
+            with self._lock:
+                situation, generation = self._situation(who, now_s), self._generation
+                measured, planner = self._measured.copy(), self._planner
+            age_s = (wall_ns - request.stamp_ns) * 1e-9
+            reason, lease_s = getattr(request, "reason", ""), getattr(request, "lease_s", None)
+            asked = Asked(verb, who, request.session, request.sequence, age_s, reason, lease_s or self.settings.lease_s)
+            dry = isinstance(request, (Move, Follow)) and request.dry_run
+            refusal = None
+            if dry:
+                refusal = identity_proved(asked, situation)
+            elif verb != "stop":  # anybody may stop: one that is refused for want of a key hurts
+                refusal = first_refusal(IDENTITY, asked, situation)
+                if refusal is None and who is not None:
+                    self._sequences[who.name] = request.sequence
+            if refusal is None and not dry:
+                refusal = first_refusal(ALLOWED[verb], asked, situation)
+            if refusal is None and verb in MOTION:
+                try:
+                    asked = planner.plan(asked, request, situation.setpoint, measured)
+                except BadInput as error:
+                    refusal = Refusal("request", error.line().rstrip("."))
+                else:
+                    refusal = first_refusal(MOTION[verb], asked, situation)
+            if dry:
+                motion = asked.motion if refusal is None else None
+                found = None if motion is None else planner.rehearse(motion, situation.setpoint, measured)
+                return self._answer(asked, refusal, now_s) | {"dry_run": True, "rehearsal": found}
+            return self._decide(asked, refusal, generation, now_s)
+
+    def _decide(self, asked: Asked, refusal: Refusal | None, generation: int, now_s: float) -> dict[str, Any]:
+        with self._lock:
+            if refusal is None and generation != self._generation and asked.verb != "stop":
+                refusal = Refusal("changed", f"meanwhile the gate has changed: {self._ended or self._mode}")
+            try:
+                self._record(asked, refusal)
+            except OSError as error:
+                if asked.verb not in ("stop", "disarm"):  # what makes safe happens, recorded or not
+                    refusal = Refusal(
+                        "record", f"the audit log cannot be written: {error.strerror}", "a disk with room"
+                    )
+            if refusal is None:
+                self._do(asked, now_s)
+            return self._answer(asked, refusal, now_s)
+
+    def _do(self, asked: Asked, now_s: float) -> None:
+        self._beat_s = now_s
+        if asked.verb == "arm" and asked.who is not None:
+            self._mode, self._commander, self._reason = "armed", asked.who.name, asked.reason
+            self._until_s, self._ended = now_s + asked.lease_s, ""
+            self._first_sent_s = -np.inf
+            if self._shaper.still:  # else the turns go on, and with them the time between two
+                self._last_turn_s = now_s
+            self._trips.forget()
+        elif asked.verb == "disarm":
+            self._end(Trip("disarmed", "disarmed by its commander"), now_s, tell=False)
+        elif asked.verb == "stop":
+            name = asked.who.name if asked.who is not None else "somebody"
+            why = f"stopped by {name}" + (f": {asked.reason}" if asked.reason else "")
+            self._end(Trip("stopped", why), now_s, tell=False)
+            self._mode = "stopped"
+        elif asked.verb == "release":
+            self._mode, self._ended = "read_only", ""
+        elif asked.motion is not None:
+            self._shaper.begin(np.where(asked.motion.moved, self._start(), np.nan))
+            self._motion = asked.motion
+
+    # -- turns ---------------------------------------------------------------------------------------------
+
+    @property
+    def active(self) -> bool:
+        """Whether turns are needed: the gate is armed, or something still comes to rest."""
+        return self._mode == "armed" or not self._shaper.still
+
+    def turn(self, now_s: float, wall_ns: int) -> Sendable | None:
+        """One turn of the clock; the command to send, if there is one."""
+        with self._lock:
+            if not self.active:
+                self._shaper.forget()
+                self._last_turn_s = None
+                return None
+            since_s = self._dt_s if self._last_turn_s is None else now_s - self._last_turn_s
+            self._last_turn_s = now_s
+            if self._mode == "armed":
+                trip = self._trips.look(self._seen_turn(now_s, since_s))
+                if trip is not None:
+                    self._end(trip, now_s)
+            dt_s = min(max(since_s, 0.0), self._dt_s)
+            if dt_s > 0.0:
+                self._move(dt_s, now_s)
+            return self._send(now_s, wall_ns)
+
+    def _move(self, dt_s: float, now_s: float) -> None:
+        shaper, rest = self._shaper, np.full(len(self.limits.names), np.nan)
+        motion = self._motion
+        goal = rest if motion is None else motion.advance(dt_s)
+        position, velocity = shaper.toward(goal, dt_s)
+        if motion is not None and velocity.any():
+            now = self._start()
+            then = np.where(shaper.given, shaper.stopping(position, velocity), now)
+            found = self._ahead.first_collision(self._measured, now, then)
+            if found is not None:
+                self._end(Trip("collision", str(found)), now_s)
+                position, velocity = shaper.toward(rest, dt_s)
+        shaper.take(position, velocity)
+        if self._motion is not None and self._motion.over(position, shaper.still):
+            self._motion, self._ended = None, "done"
+
+    def _send(self, now_s: float, wall_ns: int) -> Sendable | None:
+        given = self._shaper.given
+        if not given.any():
+            return None
+        row = self._shaper.position
+        if np.array_equal(row[given], self._sent_row[given]) and now_s - self._sent_s < _RESEND_S:
+            return None
+        self._number += 1
+        self._stamp_ns = max(wall_ns, self._stamp_ns + 1)
+        self._sent.append(self._stamp_ns)
+        self._sent_row, self._sent_s = row.copy(), now_s
+        self._seen = np.where(given, row, self._seen)
+        if self._first_sent_s < 0.0:
+            self._first_sent_s = now_s
+        names = tuple(name for name, known in zip(self.limits.names, given, strict=True) if known)
+        return make_sendable(self._number, self._stamp_ns, names, row[given])
+
+    def _end(self, trip: Trip, now_s: float, tell: bool = True) -> None:
+        """The lease and the motion end; the turns that follow bring the setpoints to rest."""
+        self._generation += 1
+        self._motion, self._ended = None, trip.why
+        who, self._commander = self._commander, None
+        if self._mode == "armed":
+            self._mode = "read_only"
+        self._until_s = now_s
+        if tell:
+            # the hand comes to rest whether this can be written or not
+            with contextlib.suppress(OSError):
+                self._witness({"verb": "trip", "who": who, "accepted": True, "check": trip.kind, "why": trip.why})
+
+    # -- what is known -------------------------------------------------------------------------------------
+
+    def status(self, now_s: float) -> dict[str, Any]:
+        """Mode, commander, lease and motion as a plain object."""
+        with self._lock:
+            motion = self._motion
+            return {
+                "mode": self._mode,
+                "session": self.session,
+                "commander": self._commander,
+                "reason": self._reason if self._commander else None,
+                "lease_left_s": max(self._until_s - now_s, 0.0) if self._mode == "armed" else None,
+                "motion": None if motion is None else motion.name,
+                "moving": not self._shaper.still or motion is not None,
+                "elapsed_s": None if motion is None else motion.elapsed_s,
+                "duration_s": None if motion is None else motion.duration_s,
+                "ended": self._ended or None,
+                "heartbeat_s": self.settings.heartbeat_s,
+                "commands_sent": self._number,
+                "certified": False,
+            }
+
+    def _situation(self, who: Who | None, now_s: float) -> Situation:
+        return Situation(
+            mode=self._mode,
+            commander=self._commander,
+            stopped_because=self._ended or None,
+            session=self.session,
+            last_sequence=self._sequences.get(who.name, 0) if who is not None else 0,
+            limits=self.limits,
+            settings=self.settings,
+            setpoint=self._start(),
+            age_s=self._ages_s(now_s),
+        )
+
+    def _start(self) -> np.ndarray:
+        """(c,) where each command is: its setpoint, else what the hand was last told if it is there, else measured."""
+        measured = self._by_command()
+        told = np.where(np.abs(self._seen - measured) <= _SAG_RAD, self._seen, measured)
+        return np.where(self._shaper.given, self._shaper.position, self.limits.clip(told))
+
+    def _by_command(self) -> np.ndarray:
+        return np.add.reduceat(self._measured[self._parts], self._firsts)
+
+    def _ages_s(self, now_s: float) -> np.ndarray:
+        return now_s - np.minimum.reduceat(self._arrival_s[self._parts], self._firsts)
+
+    def _seen_turn(self, now_s: float, since_s: float) -> Turn:
+        silent_s = now_s - self._beat_s if self._motion is not None else 0.0
+        return Turn(
+            now_s=now_s,
+            since_last_turn_s=since_s,
+            lease_left_s=self._until_s - now_s,
+            commander_silent_s=silent_s,
+            names=self.limits.names,
+            setpoint=self._shaper.position,
+            measured=self._by_command(),
+            age_s=self._ages_s(now_s),
+            effort=self._effort,
+        )
+
+    def _record(self, asked: Asked, refusal: Refusal | None) -> None:
+        if asked.verb == "beat" and refusal is None:
+            return
+        motion = asked.motion
+        if asked.verb == "target" and refusal is None and self._motion is not None and self._motion.kind == "target":
+            return  # a stream is recorded when it begins
+        self._witness(
+            {
+                "verb": asked.verb,
+                "who": asked.who.name if asked.who is not None else None,
+                "accepted": refusal is None,
+                "check": refusal.check if refusal is not None else None,
+                "why": refusal.line() if refusal is not None else None,
+                "reason": asked.reason or None,
+                "lease_s": asked.lease_s if asked.verb == "arm" else None,
+                "targets": dict(asked.targets) if motion is not None and motion.kind != "trajectory" else None,
+                "motion": motion.name if motion is not None else None,
+                "seconds": motion.duration_s if motion is not None else None,
+            }
+        )
+
+    def _answer(self, asked: Asked, refusal: Refusal | None, now_s: float) -> dict[str, Any]:
+        return {
+            "schema": 1,
+            "verb": asked.verb,
+            "accepted": refusal is None,
+            "check": refusal.check if refusal is not None else None,
+            "why": refusal.why if refusal is not None else None,
+            "allowed": refusal.allowed if refusal is not None else None,
+            "consequence": refusal.consequence if refusal is not None else None,
+            "seconds": asked.motion.duration_s if asked.motion is not None else None,
+            "gate": self.status(now_s),
+        }

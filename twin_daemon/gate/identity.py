@@ -1,0 +1,132 @@
+"""Who asks: names with a role and a secret key, and what proves that a request is theirs (HMAC, RFC 2104)."""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import json
+import os
+import secrets
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from twin_daemon.errors import BadInput
+from twin_daemon.files import write_atomically
+
+Role = Literal["operator", "viewer"]
+ANONYMOUS = "anonymous"
+DEFAULT_OPERATOR = "operator"
+_Key = Annotated[str, Field(pattern=r"^[0-9a-f]{64,128}$")]
+
+
+@dataclass(frozen=True)
+class Who:
+    """Somebody who asks. Anonymous callers and viewers may look and stop, never command."""
+
+    name: str
+    role: Role = "viewer"
+
+
+NOBODY = Who(ANONYMOUS)
+
+
+class Identity(BaseModel):
+    """One line of the identity file. The key is a secret of 32 bytes or more, in hexadecimal digits."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    role: Role
+    key: _Key = Field(repr=False)
+
+
+class _Identities(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    schema_: Literal[1] = Field(1, alias="schema")
+    identities: dict[Annotated[str, Field(pattern=r"^[A-Za-z0-9_.\-]{1,64}$")], Identity]
+
+
+@dataclass(frozen=True)
+class Proof:
+    """What goes beside a request: a name, and the code that only its key makes of this verb and these bytes."""
+
+    who: str
+    code: str
+
+    def encode(self) -> bytes:
+        return json.dumps({"who": self.who, "code": self.code}).encode()
+
+    @classmethod
+    def decode(cls, data: bytes | None) -> Proof | None:
+        """None for what is no proof."""
+        try:
+            read = json.loads(data or b"")
+            return cls(str(read["who"])[:64], str(read["code"])[:200])
+        except (ValueError, TypeError, KeyError, RecursionError):
+            return None
+
+
+class Keyring:
+    """The identities that a gate knows."""
+
+    def __init__(self, identities: dict[str, Identity]) -> None:
+        self._identities = identities
+
+    def sign(self, name: str, verb: str, payload: bytes) -> Proof:
+        """The proof of `name` for a request. Raises KeyError for a name that it does not hold."""
+        return Proof(name, _code(self._identities[name], verb, payload))
+
+    def who(self, verb: str, payload: bytes, proof: Proof | None) -> Who | None:
+        """Whose request it is; anonymous without a proof; None where the proof is wrong or its name unknown."""
+        if proof is None:
+            return NOBODY
+        known = self._identities.get(proof.who)
+        if known is None or not hmac.compare_digest(_code(known, verb, payload), proof.code):
+            return None
+        return Who(proof.who, known.role)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._identities
+
+
+def _code(identity: Identity, verb: str, payload: bytes) -> str:
+    return hmac.new(bytes.fromhex(identity.key), verb.encode() + b"\0" + payload, hashlib.sha256).hexdigest()
+
+
+def load_keyring(path: Path) -> Keyring:
+    """The identities of a file. Raises BadInput; the message never quotes the file."""
+    try:
+        if path.stat().st_mode & 0o077:
+            raise BadInput("others can read these keys", where=path, todo=f"chmod 600 {path}")
+        read = _Identities.model_validate_json(path.read_bytes())
+    except OSError as error:
+        raise BadInput(
+            f"no identities: {error.strerror}", where=path, todo="'twin run' makes them; or name a file with TWIN_KEYS"
+        ) from None
+    except ValidationError as error:
+        place = ".".join(str(part) for part in error.errors()[0]["loc"])
+        raise BadInput(
+            f"{place}: not an identity file",
+            where=path,
+            allowed='{"schema": 1, "identities": {NAME: {"role": "operator" or "viewer", "key": 64 hex digits}}}',
+        ) from None
+    return Keyring(read.identities)
+
+
+def ensure_keyring(path: Path) -> Keyring:
+    """The identities of a file, which is made with one operator where there is none yet."""
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        operator = {"role": "operator", "key": secrets.token_hex(32)}
+        content = json.dumps({"schema": 1, "identities": {DEFAULT_OPERATOR: operator}}, indent=1)
+        write_atomically(path, content.encode(), mode=0o600)
+    return load_keyring(path)
+
+
+def keys_file(state: Path) -> Path:
+    """TWIN_KEYS, or the file in the state folder."""
+    given = os.environ.get("TWIN_KEYS")
+    return Path(given) if given else state / "keys.json"

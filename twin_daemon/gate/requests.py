@@ -1,0 +1,101 @@
+"""What can be asked of the gate, as it comes over a network."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from twin_daemon.gate.settings import LONGEST_LEASE_S
+
+Verb = Literal["arm", "disarm", "move", "trajectory", "target", "stop", "release", "beat"]
+_Name = Annotated[str, Field(min_length=1, max_length=200)]
+_Reason = Annotated[str, Field(max_length=500)]
+_Targets = Annotated[dict[_Name, float], Field(max_length=256)]
+MAX_POINTS = 20_000
+
+
+class _Request(BaseModel):
+    """`session` is the gate's own name for its present life, `sequence` grows with every request of one sender: an
+    old request says nothing when it comes again. `stamp_ns` is when it was asked, by the sender's clock."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    session: str = Field(default="", max_length=64)
+    sequence: int = Field(default=0, ge=0, lt=2**63)
+    stamp_ns: int = Field(default=0, ge=0, lt=2**63)
+
+
+class Arm(_Request):
+    reason: _Reason = ""
+    lease_s: float | None = Field(default=None, gt=0.0, le=LONGEST_LEASE_S, allow_inf_nan=False)
+
+
+class Disarm(_Request):
+    pass
+
+
+class Beat(_Request):
+    pass
+
+
+class Stop(_Request):
+    reason: _Reason = ""
+
+
+class Release(_Request):
+    reason: _Reason = ""
+
+
+class Target(_Request):
+    """A streamed target, rad by joint or command. Numbers that are not finite are refused by the gate, not here."""
+
+    targets: _Targets
+
+
+class Move(_Request):
+    targets: _Targets
+    seconds: float | None = Field(default=None, gt=0.0, le=600.0, allow_inf_nan=False)
+    dry_run: bool = False
+
+
+class Follow(_Request):
+    """A trajectory: `times_s` (w,) from 0, `positions` (w, j) rad of `joints`."""
+
+    name: str = Field(default="trajectory", max_length=200)
+    joints: Annotated[list[_Name], Field(min_length=1, max_length=256)]
+    times_s: Annotated[list[float], Field(min_length=2, max_length=MAX_POINTS)]
+    positions: Annotated[list[list[float]], Field(min_length=2, max_length=MAX_POINTS)]
+    dry_run: bool = False
+
+
+Request = Arm | Disarm | Beat | Stop | Release | Target | Move | Follow
+KINDS: dict[str, type[Arm | Disarm | Beat | Stop | Release | Target | Move | Follow]] = {
+    "arm": Arm,
+    "disarm": Disarm,
+    "beat": Beat,
+    "stop": Stop,
+    "release": Release,
+    "target": Target,
+    "move": Move,
+    "trajectory": Follow,
+}
+MAX_BYTES = 4 * 2**20
+
+
+class BadRequest(Exception):
+    """A request that cannot be read. `str` says what and where."""
+
+
+def read_request(verb: str, payload: bytes) -> Request:
+    """The request of `verb` in JSON bytes. Raises BadRequest."""
+    if len(payload) > MAX_BYTES:
+        raise BadRequest(f"{len(payload)} bytes; at most {MAX_BYTES} are read")
+    try:
+        return KINDS[verb].model_validate_json(payload or b"{}")
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        raise BadRequest(f"{place}: {first['msg']}" if place else first["msg"]) from None
+    except RecursionError:
+        raise BadRequest("nested too deeply") from None

@@ -1,0 +1,53 @@
+"""What a site sets about the gate."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+LONGEST_LEASE_S = 3600.0
+
+
+class CommandLimit(BaseModel):
+    """Limits of one command. Those of the model and of the hand's description hold as well: the tightest counts."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    lower_rad: float | None = None
+    upper_rad: float | None = None
+    velocity_rad_s: float | None = Field(default=None, gt=0.0)
+    acceleration_rad_s2: float | None = Field(default=None, gt=0.0)
+    step_rad: float | None = Field(default=None, gt=0.0, description="farthest from one command to the next")
+
+    @model_validator(mode="after")
+    def _in_order(self) -> CommandLimit:
+        if self.lower_rad is not None and self.upper_rad is not None and self.lower_rad >= self.upper_rad:
+            raise ValueError(f"lower_rad {self.lower_rad:g} is not below upper_rad {self.upper_rad:g}")
+        return self
+
+
+class GateSettings(BaseModel):
+    """Times, limits and trips of the gate."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    rate_hz: float = Field(default=125.0, ge=20.0, le=1000.0, description="commands a second while something moves")
+    lease_s: float = Field(default=60.0, gt=0.0, le=LONGEST_LEASE_S, description="of an arming that names none")
+    heartbeat_s: float = Field(
+        default=0.5, ge=0.05, le=10.0, description="a motion is held when its commander is silent for so long"
+    )
+    state_timeout_s: float = Field(
+        default=0.2, ge=0.02, le=5.0, description="a motion is held when the hand is silent for so long"
+    )
+    command_age_s: float = Field(default=2.0, gt=0.0, le=60.0, description="an older request is refused")
+    speed: float = Field(default=1.0, gt=0.0, le=1.0, description="share of the velocity limits that may be used")
+    move_speed: float = Field(default=0.25, gt=0.0, le=1.0, description="the same for a move that names no time")
+    jump_rad: float = Field(
+        default=0.3, gt=0.0, description="farthest of a streamed target from where the hand is sent"
+    )
+    tracking_error_rad: float = Field(default=0.5, gt=0.0, description="farthest of the hand from its target ...")
+    tracking_time_s: float = Field(default=0.5, ge=0.0, le=10.0, description="... for longer than this trips the gate")
+    effort_limit: dict[str, float] = Field(default_factory=dict, description="by joint, in the driver's unit")
+    collision_depth_m: float = Field(
+        default=0.001, ge=0.0, le=0.05, description="deepest overlap of two bodies of the hand that is not refused"
+    )
+    limits: dict[str, CommandLimit] = Field(default_factory=dict, description="by command")

@@ -1,0 +1,75 @@
+"""The setpoint on its way to a target: never beyond its bounds, never faster or more sudden than its limits.
+
+Each turn moves by v dt and may change v by at most a dt. With the distance e to a place that must not be passed,
+v dt + v^2 / 2a <= e holds after every turn: what is left is enough to brake, whatever the next turns' lengths are
+(braking by a dt costs v dt - a dt^2 / 2 less of it, and the left side shrinks by as much or more).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin_daemon.gate.limits import Limits
+
+_THERE_RAD = 1e-9
+
+
+class Shaper:
+    """Position (c,) rad and velocity (c,) rad/s of the setpoints; NaN where no command has been given yet."""
+
+    def __init__(self, limits: Limits) -> None:
+        self._limits = limits
+        self.position = np.full(len(limits.names), np.nan)
+        self.velocity = np.zeros(len(limits.names))
+
+    @property
+    def still(self) -> bool:
+        return not self.velocity.any()
+
+    @property
+    def given(self) -> np.ndarray:
+        """(c,) bool: which commands have a setpoint."""
+        return np.isfinite(self.position)
+
+    def begin(self, position: np.ndarray) -> None:
+        """Sets the setpoints of commands that have none from `position` (c,), where it is known; at rest."""
+        fresh = ~self.given & np.isfinite(position)
+        self.position[fresh] = self._limits.clip(position)[fresh]
+
+    def forget(self) -> None:
+        """No command has a setpoint."""
+        self.position[:] = np.nan
+        self.velocity[:] = 0.0
+
+    def stopping(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """(c,) where setpoints with this position and velocity come to rest when they brake."""
+        return position + velocity * np.abs(velocity) / (2.0 * self._limits.acceleration)
+
+    def toward(self, target: np.ndarray, dt_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """Position and velocity one turn later, towards `target` (c,); NaN there means: come to rest."""
+        limits, velocity = self._limits, self.velocity
+        change = limits.acceleration * dt_s
+        away = np.where(np.isfinite(target), target - self.position, 0.0)
+        wanted = np.copysign(np.minimum(self._braking(np.abs(away), dt_s), limits.velocity), away)
+        wanted = np.clip(wanted, velocity - change, velocity + change)
+        # a target may have turned round; the bounds of the joint are still never passed
+        wanted = np.clip(
+            wanted,
+            -self._braking(self.position - limits.lower, dt_s),
+            self._braking(limits.upper - self.position, dt_s),
+        )
+        wanted = np.where(self.given, wanted, 0.0)
+        position = np.where(self.given, limits.clip(self.position + wanted * dt_s), np.nan)
+        # the last nanoradian, which would otherwise be halved for ever
+        there = (np.abs(away) <= _THERE_RAD) & (np.abs(velocity) <= change) & np.isfinite(target)
+        return np.where(there, limits.clip(target), position), np.where(there, 0.0, wanted)
+
+    def take(self, position: np.ndarray, velocity: np.ndarray) -> None:
+        """Makes what `toward` proposed the setpoints."""
+        self.position, self.velocity = position, velocity
+
+    def _braking(self, distance: np.ndarray, dt_s: float) -> np.ndarray:
+        """The greatest v with v dt + v^2 / 2a <= distance."""
+        change = self._limits.acceleration * dt_s
+        room = np.maximum(np.nan_to_num(distance, nan=0.0), 0.0)
+        return np.sqrt(change**2 + 2.0 * self._limits.acceleration * room) - change

@@ -1,0 +1,95 @@
+"""What ends a motion that was allowed: each trip looks at every turn, and the setpoints then come to rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin_daemon.gate.settings import GateSettings
+
+
+@dataclass(frozen=True, eq=False)
+class Turn:
+    """What a turn of the gate sees. By command (c,): where the hand is sent and is, rad, NaN where unknown."""
+
+    now_s: float
+    since_last_turn_s: float
+    lease_left_s: float
+    commander_silent_s: float
+    names: tuple[str, ...]
+    setpoint: np.ndarray
+    measured: np.ndarray
+    age_s: np.ndarray
+    effort: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Trip:
+    """Why a motion was ended. `kind` is for programs."""
+
+    kind: str
+    why: str
+
+
+class Trips:
+    """The trips; that of the tracking error remembers since when each command has been off."""
+
+    def __init__(self, settings: GateSettings) -> None:
+        self._settings = settings
+        self._off_since_s: dict[str, float] = {}
+
+    def forget(self) -> None:
+        self._off_since_s.clear()
+
+    def look(self, turn: Turn) -> Trip | None:
+        """The first trip of this turn, if there is one."""
+        found = (
+            self._lease(turn),
+            self._standstill(turn),
+            self._commander(turn),
+            self._hand(turn),
+            self._effort(turn),
+            self._tracking(turn),
+        )
+        return next((trip for trip in found if trip is not None), None)
+
+    def _lease(self, turn: Turn) -> Trip | None:
+        return Trip("lease", "the lease has run out") if turn.lease_left_s <= 0.0 else None
+
+    def _standstill(self, turn: Turn) -> Trip | None:
+        """A process that was stopped and goes on must not go on with what it did."""
+        if turn.since_last_turn_s <= self._settings.state_timeout_s:
+            return None
+        return Trip("standstill", f"the gate itself stood still for {turn.since_last_turn_s:.2f} s")
+
+    def _commander(self, turn: Turn) -> Trip | None:
+        if turn.commander_silent_s <= self._settings.heartbeat_s:
+            return None
+        return Trip("commander", f"the commander has been silent for {turn.commander_silent_s:.2f} s")
+
+    def _hand(self, turn: Turn) -> Trip | None:
+        age_s = np.where(np.isfinite(turn.setpoint), turn.age_s, 0.0)
+        worst = int(np.argmax(age_s))
+        if age_s[worst] <= self._settings.state_timeout_s:
+            return None
+        return Trip("stale", f"{turn.names[worst]} was last heard {age_s[worst]:.2f} s ago")
+
+    def _effort(self, turn: Turn) -> Trip | None:
+        for joint, most in self._settings.effort_limit.items():
+            if abs(turn.effort.get(joint, 0.0)) > most:
+                return Trip("effort", f"the effort of {joint} is {turn.effort[joint]:g}, at most {most:g} is allowed")
+        return None
+
+    def _tracking(self, turn: Turn) -> Trip | None:
+        off = np.abs(turn.setpoint - turn.measured) > self._settings.tracking_error_rad
+        self._off_since_s = {
+            turn.names[i]: self._off_since_s.get(turn.names[i], turn.now_s) for i in np.flatnonzero(off)
+        }
+        for name, since_s in self._off_since_s.items():
+            if turn.now_s - since_s >= self._settings.tracking_time_s:
+                away = float(np.abs(turn.setpoint - turn.measured)[turn.names.index(name)])
+                return Trip(
+                    "tracking", f"{name} is {away:.2f} rad from where it was sent, for {turn.now_s - since_s:.1f} s"
+                )
+        return None
