@@ -22,7 +22,7 @@ from twin_daemon.gate.gate import Gate
 from twin_daemon.gate.identity import NOBODY, Who
 from twin_daemon.gate.limits import Limits
 from twin_daemon.gate.preview import Preview
-from twin_daemon.gate.requests import KINDS, BadRequest, Request, read_request
+from twin_daemon.gate.requests import KINDS, Request
 from twin_daemon.gate.sendable import Sendable
 from twin_daemon.gate.settings import GateSettings
 from twin_daemon.hand import load_hand
@@ -169,28 +169,24 @@ class Stream:
             "sequence": self.sequence if rng.random() < 0.97 else int(rng.integers(0, self.sequence)),
             "stamp_ns": self.wall_ns + int(rng.choice([0, 0, 0, 0, 0, 0, 0, 0, 0, 10**10]) * rng.choice([-1, 1])),
         }
-        try:
-            answer = self.gate.ask(verb, self._request(verb, common), who, self.now_s, self.wall_ns)
-        except BadRequest:
-            self.answers["unreadable"] += 1
-            return
+        answer = self.gate.ask(verb, self._request(verb, common), who, self.now_s, self.wall_ns)
         self.answers["accepted" if answer["accepted"] else str(answer["check"])] += 1
 
     def _request(self, verb: str, common: dict[str, Any]) -> Request:
         rng = self.rng
         if verb in ("arm", "release", "stop"):
-            return KINDS[verb](**common, reason="work" if rng.random() < 0.95 else "")
+            return _made(verb, common, reason="work" if rng.random() < 0.95 else "")
         if verb in ("target", "move"):
             seconds = {"seconds": float(rng.choice([0.01, 0.3, 2.0]))} if verb == "move" and rng.random() < 0.5 else {}
-            return KINDS[verb](**common, targets=self._targets(), **seconds)
+            return _made(verb, common, targets=self._targets(), **seconds)
         if verb == "trajectory":
             names = [str(n) for n in rng.choice(self.names, size=3, replace=False)]
             times = np.concatenate([[0.0], np.cumsum(rng.uniform(0.01, 2.0, 4))])
             rows = rng.uniform(-0.3, 1.4, (5, 3)).tolist()
             if rng.random() < 0.1:
                 rows[2][0] = float(rng.choice([np.nan, np.inf, 1e9]))
-            return KINDS[verb](**common, joints=names, times_s=times.tolist(), positions=rows)
-        return read_request(verb, b"{}").model_copy(update=common)
+            return _made(verb, common, joints=names, times_s=times.tolist(), positions=rows)
+        return _made(verb, common)
 
     def _targets(self) -> dict[str, float]:
         rng = self.rng
@@ -208,6 +204,10 @@ class Stream:
         elif kind < 0.05:
             found = {"rh_FFJ1": 0.2}
         return found
+
+
+def _made(verb: str, common: dict[str, Any], **body: Any) -> Request:
+    return KINDS[verb].model_validate({**common, **body})
 
 
 def _many(job: tuple[int, int, int]) -> Counter[str]:

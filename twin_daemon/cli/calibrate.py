@@ -9,9 +9,13 @@ import typer
 
 from twin_daemon.cli import options
 from twin_daemon.cli.check import warn_before_fit
+from twin_daemon.cli.commanding import As
 from twin_daemon.cli.console import emit_json, people, plain_text, progress_console
+from twin_daemon.cli.drive import drive
+from twin_daemon.cli.run import Endpoint, Namespace
 from twin_daemon.cli.session import Session, open_session, require_folder
 from twin_daemon.cli.tables import by_kind, place_of, slim_table
+from twin_daemon.errors import UsageError
 
 if TYPE_CHECKING:
     from rich.progress import TaskID
@@ -24,9 +28,15 @@ SearchName = Annotated[
     str, typer.Option("--search", metavar="bayes|least-squares|random|pso", help="How the parameters are searched.")
 ]
 
+Run = Annotated[
+    str | None,
+    typer.Option("--run", metavar="NAME", help="Drive the hand along this trajectory through the gate, and fit that."),
+]
+
 
 def command(
-    recording: options.Recordings,
+    recording: options.OptionalRecordings = None,
+    run: Run = None,
     holdout: options.Holdouts = None,
     search: SearchName = "least-squares",
     space: options.Space = "physical",
@@ -38,10 +48,14 @@ def command(
     terms: options.Terms = None,
     trajectory: options.TrajectoryRef = None,
     joint_map: options.JointMap = None,
+    name: As = "operator",
+    namespace: Namespace = None,
+    endpoint: Endpoint = None,
     json: options.Json = None,
 ) -> None:
     """Fit parameters, judge them on motion they have not seen, and store a candidate version.
 
+    With --run the hand itself is driven along a trajectory, through the gate, and what it does is recorded first.
     Ctrl-C keeps the best so far. Without --holdout every third stretch of time of the recordings is held out.
     """
     from twin_daemon.comparison.split import hold_out
@@ -49,9 +63,12 @@ def command(
     from twin_daemon.fitting.spaces import load_space
 
     require_folder(json)
+    if not recording and run is None:
+        raise UsageError("nothing to fit", todo="Give --recording R..., or --run NAME to drive the hand")
     chosen = load_space(space or "physical")
     session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)
-    train = session.recordings(recording, trajectory)
+    driven = [] if run is None else [drive(run, hand, model, namespace, endpoint, name)]
+    train = session.recordings([*(recording or []), *driven], trajectory)
     held = session.recordings(holdout or [], trajectory)
     notes = warn_before_fit(session, train)
     if not held:

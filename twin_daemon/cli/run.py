@@ -35,6 +35,7 @@ Namespace = Annotated[
     str | None, typer.Option("--namespace", metavar="NS", help="First part of the keys; default the hand's name.")
 ]
 _POLL_S = 1.0
+AUDIT = "audit.jsonl"
 
 
 def command(
@@ -48,6 +49,7 @@ def command(
 ) -> int:
     """Run the live twin: follow the hand, predict it, measure the error, answer questions. Ends on SIGTERM."""
     from bridges.diagnoser import Diagnoser
+    from bridges.gatekeeper import Gatekeeper, Register
     from bridges.keep import Keeper
     from bridges.ring import Ring
     from bridges.ros_keys import RosKeys
@@ -58,6 +60,9 @@ def command(
     from twin_daemon.daemon.notify import Notifier
     from twin_daemon.daemon.service import TwinService
     from twin_daemon.daemon.settings import TwinConfig, load_config
+    from twin_daemon.gate.audit import AuditLog
+    from twin_daemon.gate.gate import Gate
+    from twin_daemon.gate.identity import ensure_keyring, keys_file
 
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
     settings = load_config(config) if config is not None else TwinConfig()
@@ -67,8 +72,10 @@ def command(
     silence_mujoco()
     source = ModelSource(chosen, version or settings.version)
     twin, info = source.load()
-    journal = state_dir() / "hands" / chosen.description.namespace.replace("/", "_") / "events.jsonl"
-    service = TwinService(twin, info, settings.daemon, journal=journal)
+    folder = hand_folder(chosen.description.namespace)
+    gate = Gate(twin, settings.gate) if chosen.commands else None
+    keyring = ensure_keyring(keys_file(state_dir()))
+    service = TwinService(twin, info, settings.daemon, journal=folder / "events.jsonl", gate=gate)
     ring = Ring(60.0 * settings.daemon.keep_minutes, settings.daemon.keep_mib * 2**20)
     keeper = Keeper(ring, chosen.description, state_dir() / "recordings", settings.daemon)
     with on_termination() as stop, contextlib.ExitStack() as stack:
@@ -86,6 +93,12 @@ def command(
         diagnoser = Diagnoser(keeper, service, _named_hand(hand, model))
         stack.callback(diagnoser.close)
         answers = {"versions": source.answer, "diagnose": diagnoser.start, "diagnosis": diagnoser.latest}
+        if gate is not None:
+            audit = AuditLog(folder / AUDIT)
+            stack.callback(audit.close)
+            gate.witness = Register(audit, service.tell)
+            gatekeeper = Gatekeeper(session, gate, keyring, chosen.description, sync=audit.sync)
+            stack.callback(gatekeeper.close)
         bridge = ZenohBridge(session, service, answers, ring, ros)
         stack.callback(bridge.close)
         if settings.daemon.metrics_port is not None:
@@ -104,6 +117,11 @@ def command(
     accepted = service.health()["joint_states"]["accepted"]
     log.info("the twin of %s has stopped; it followed %d joint states", service.namespace, accepted)
     return 0
+
+
+def hand_folder(namespace: str) -> Path:
+    """Where a daemon keeps what belongs to one hand in the network: events and audit log."""
+    return state_dir() / "hands" / namespace.replace("/", "_")
 
 
 def load_named(hand: str | None, model: Path | None, namespace: str | None) -> Hand:

@@ -54,6 +54,7 @@ def state(service: TwinService) -> dict[str, Any]:
         "joints": joints,
         "commands": _commands(service),
         "prediction": _prediction(service),
+        "gate": None if service.gate is None else service.gate.status(service.monotonic_s()),
         "mirror": service.posture.at(mirror.position),
     }
 
@@ -136,6 +137,7 @@ def health(service: TwinService) -> dict[str, Any]:
         },
         "loop": service.loop,
         "timing": service.timing.as_json(),
+        "gate": None if service.gate is None else service.gate.status(service.monotonic_s())["mode"],
         "events": service.events.recent(10),
     }  # fmt: skip
 

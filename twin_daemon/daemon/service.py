@@ -25,6 +25,8 @@ from twin_daemon.daemon.predictor import Predictor, as_sample
 from twin_daemon.daemon.residual import Residual
 from twin_daemon.daemon.settings import DaemonSettings
 from twin_daemon.daemon.timing import Timing
+from twin_daemon.gate.gate import Gate
+from twin_daemon.hand.naming import match
 from twin_daemon.simulation.twin import TwinModel
 
 # A command whose stamp is farther than this from the hand's clock was stamped by another clock.
@@ -34,7 +36,8 @@ _CLOCK_SKEW_NS = 1_000_000_000
 class TwinService:
     """One hand's live twin.
 
-    `version` describes the model in use, as the version query answers it (at least "id").
+    `version` describes the model in use, as the version query answers it (at least "id"). A `gate` is told what is
+    seen of the hand.
     """
 
     def __init__(
@@ -45,7 +48,9 @@ class TwinService:
         monotonic_s: Callable[[], float] = time.monotonic,
         wall_ns: Callable[[], int] = time.time_ns,
         journal: Path | None = None,
+        gate: Gate | None = None,
     ) -> None:
+        self.gate = gate
         self.settings = settings or DaemonSettings()
         self.hand = twin.hand
         self.namespace = twin.hand.description.namespace
@@ -90,6 +95,8 @@ class TwinService:
                 self.tell("clock_jump", "the hand's clock was set: its stamps jump while its messages come in step")
             now_s = self.monotonic_s()
             self.mirror.update(accepted, now_s)
+            if self.gate is not None:
+                self.gate.measured(self.mirror.position, self.mirror.arrival_s, self._efforts(sample))
             return self._predict(accepted.stamp_ns, accepted.index, now_s)
 
     def _predict(self, stamp_ns: int, index: np.ndarray, now_s: float) -> Output:
@@ -110,6 +117,15 @@ class TwinService:
             self._last_residual_s = now_s
         return Output(as_sample(prediction, self.joints), due)
 
+    def _efforts(self, sample: JointSample) -> dict[str, float] | None:
+        """The efforts that the gate has limits for, by joint."""
+        watched = self.gate.settings.effort_limit if self.gate is not None else {}
+        if not watched or not len(sample.effort):
+            return None
+        by_name = dict(zip(sample.names, sample.effort.tolist(), strict=True))
+        found = {joint: by_name[name] for joint in watched if (name := match(joint, by_name)) is not None}
+        return {joint: value for joint, value in found.items() if np.isfinite(value)}
+
     def on_command(self, sample: JointSample) -> bool:
         """One decoded command. True if the model follows it."""
         with self._lock:
@@ -125,6 +141,8 @@ class TwinService:
                 self.command_counts[kind] += 1
                 return False
             self.command_arrival_s = self.monotonic_s()
+            if self.gate is not None:
+                self.gate.seen(sample.stamp_ns, sample.names, sample.position, self.command_arrival_s)
             return True
 
     @staticmethod
@@ -171,6 +189,8 @@ class TwinService:
             self._load(twin, version, self.predictor)
             self.residuals.clear()
             self.drifts.clear()
+            if self.gate is not None:
+                self.gate.use(twin)
             self.tell("version", f"version {version['id']} replaces {before}")
 
     def _load(self, twin: TwinModel, version: dict[str, Any], before: Predictor | None = None) -> None:

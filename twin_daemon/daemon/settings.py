@@ -9,6 +9,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from twin_daemon.errors import BadInput, nearest
+from twin_daemon.gate.settings import CommandLimit, GateSettings
 
 
 class DaemonSettings(BaseModel):
@@ -58,6 +59,7 @@ class TwinConfig(BaseModel):
     endpoint: str | None = Field(default=None, description="Zenoh endpoint, such as tcp/127.0.0.1:7447")
     ros: RosSettings | None = Field(default=None, description="a ROS 2 system on the same Zenoh network")
     daemon: DaemonSettings = DaemonSettings()
+    gate: GateSettings = GateSettings()
 
 
 def load_config(path: Path) -> TwinConfig:
@@ -88,7 +90,8 @@ def _explain(path: Path, error: ValidationError) -> BadInput:
     location = [str(part) for part in first["loc"]]
     key = ".".join(location) or "(top)"
     if first["type"] == "extra_forbidden":
-        sections = {"daemon": DaemonSettings, "ros": RosSettings}
-        known = sections.get(".".join(location[:-1]), TwinConfig).model_fields
+        sections = {"daemon": DaemonSettings, "ros": RosSettings, "gate": GateSettings}
+        section = CommandLimit if location[:2] == ["gate", "limits"] else TwinConfig
+        known = sections.get(".".join(location[:-1]), section).model_fields
         return BadInput(f"unknown key '{key}'", where=path, allowed=", ".join(known), todo=nearest(location[-1], known))
     return BadInput(f"{key}: {first['msg']} (got {first['input']!r:.60})", where=path, todo="Correct this key")

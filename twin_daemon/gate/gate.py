@@ -51,7 +51,7 @@ class Gate:
         self.session = session or secrets.token_hex(8)
         self.limits = limits_of(twin.hand, settings)
         self._hand = twin.hand
-        self._witness = witness
+        self.witness = witness
         self._dt_s = 1.0 / settings.rate_hz
         self._asking, self._lock = threading.Lock(), threading.RLock()
         self._shaper = Shaper(self.limits)
@@ -253,7 +253,19 @@ class Gate:
         if tell:
             # the hand comes to rest whether this can be written or not
             with contextlib.suppress(OSError):
-                self._witness({"verb": "trip", "who": who, "accepted": True, "check": trip.kind, "why": trip.why})
+                self.witness({"verb": "trip", "who": who, "accepted": True, "check": trip.kind, "why": trip.why})
+
+    def end(self, kind: str, why: str, now_s: float) -> None:
+        """Ends the lease for a reason of the gate's keeper, and brings what moves to rest."""
+        with self._lock:
+            if self._mode == "armed":
+                self._end(Trip(kind, why), now_s)
+
+    def fault(self, why: str, now_s: float) -> None:
+        """The gate itself has failed: nothing more is sent, and the hand stays at its last target."""
+        with self._lock:
+            self.end("fault", why, now_s)
+            self._shaper.forget()
 
     # -- what is known -------------------------------------------------------------------------------------
 
@@ -322,7 +334,7 @@ class Gate:
         motion = asked.motion
         if asked.verb == "target" and refusal is None and self._motion is not None and self._motion.kind == "target":
             return  # a stream is recorded when it begins
-        self._witness(
+        self.witness(
             {
                 "verb": asked.verb,
                 "who": asked.who.name if asked.who is not None else None,

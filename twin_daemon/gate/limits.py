@@ -50,7 +50,7 @@ def _row(hand: Hand, name: str, settings: GateSettings) -> tuple[float, float, f
             todo="Correct them; until then this hand cannot be commanded",
         )
     fastest = hand.velocity_limit_rad_s(name) * settings.speed
-    steps = [site.step_rad * settings.rate_hz] if site.step_rad is not None else []
-    velocity = float(min([fastest, *steps, *([site.velocity_rad_s] if site.velocity_rad_s is not None else [])]))
-    sudden = hand.acceleration_limit_rad_s2(name)
-    return low, high, velocity, sudden if site.acceleration_rad_s2 is None else min(sudden, site.acceleration_rad_s2)
+    by_step = np.inf if site.step_rad is None else site.step_rad * settings.rate_hz
+    velocity = np.inf if site.velocity_rad_s is None else site.velocity_rad_s
+    acceleration = np.inf if site.acceleration_rad_s2 is None else site.acceleration_rad_s2
+    return low, high, min(fastest, by_step, velocity), min(hand.acceleration_limit_rad_s2(name), acceleration)

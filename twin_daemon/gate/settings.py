@@ -33,10 +33,10 @@ class GateSettings(BaseModel):
     rate_hz: float = Field(default=125.0, ge=20.0, le=1000.0, description="commands a second while something moves")
     lease_s: float = Field(default=60.0, gt=0.0, le=LONGEST_LEASE_S, description="of an arming that names none")
     heartbeat_s: float = Field(
-        default=0.5, ge=0.05, le=10.0, description="a motion is held when its commander is silent for so long"
+        default=1.0, ge=0.05, le=10.0, description="a motion is held when its commander is silent for so long"
     )
     state_timeout_s: float = Field(
-        default=0.2, ge=0.02, le=5.0, description="a motion is held when the hand is silent for so long"
+        default=0.3, ge=0.02, le=5.0, description="a motion is held when the hand is silent for so long"
     )
     command_age_s: float = Field(default=2.0, gt=0.0, le=60.0, description="an older request is refused")
     speed: float = Field(default=1.0, gt=0.0, le=1.0, description="share of the velocity limits that may be used")

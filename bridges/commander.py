@@ -1,0 +1,104 @@
+"""Somebody who commands a hand through its gate: asks, proves who he is, and keeps saying that he is there."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import zenoh
+
+from bridges.guard import Guard
+from twin_daemon.errors import NoAnswer
+from twin_daemon.gate.identity import Keyring
+from twin_daemon.hand import HandDescription
+
+_PATIENCE_S = 5.0
+_PLANNING_S = 20.0
+
+
+class Commander:
+    """Requests in the name of `name`; without a keyring anonymous ones. Safe to use from several threads."""
+
+    def __init__(
+        self, session: zenoh.Session, description: HandDescription, keyring: Keyring | None = None, name: str = ""
+    ) -> None:
+        self._session = session
+        self._description = description
+        self._keyring = keyring
+        self._name = name
+        self._life = ""
+        self._sequence = 0
+        self._lock = threading.Lock()
+
+    def status(self, timeout_s: float = _PATIENCE_S) -> dict[str, Any]:
+        """The gate's state. Raises NoAnswer where no daemon is."""
+        found = self._get("status", b"", None, timeout_s)
+        self._life = str(found.get("session", ""))
+        return found
+
+    def ask(self, verb: str, timeout_s: float | None = None, **body: Any) -> dict[str, Any]:
+        """The gate's reply. Raises NoAnswer; a refusal is a reply like any other."""
+        timeout_s = timeout_s or (_PLANNING_S if verb in ("move", "trajectory") else _PATIENCE_S)
+        if not self._life:
+            self.status(timeout_s)
+        payload, proof = self._signed(verb, body)
+        return self._get(verb, payload, proof, timeout_s)
+
+    def stream(self, publisher: zenoh.Publisher, targets: dict[str, float]) -> None:
+        """Puts one target of a stream, rad by joint or command. Call `status` once before."""
+        payload, proof = self._signed("target", {"targets": targets})
+        publisher.put(payload, attachment=proof)
+
+    def stream_to(self) -> zenoh.Publisher:
+        """The publisher that `stream` puts to; the caller undeclares it."""
+        return self._session.declare_publisher(
+            self._description.key("command", verb="target"),
+            congestion_control=zenoh.CongestionControl.DROP,
+            express=True,
+        )
+
+    @contextmanager
+    def beating(self, period_s: float, guard: Guard) -> Iterator[None]:
+        """Says that the commander is there, again and again, as long as this process lives."""
+        ended = threading.Event()
+
+        def beat() -> None:
+            while not ended.is_set():
+                guard.run("a heartbeat", self.ask, "beat", 2.0 * period_s)
+                ended.wait(period_s)
+
+        thread = threading.Thread(target=beat, name="twin-heartbeat", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            thread.join()
+
+    def _signed(self, verb: str, body: dict[str, Any]) -> tuple[bytes, bytes | None]:
+        with self._lock:
+            stamp_ns = time.time_ns()
+            self._sequence = max(stamp_ns, self._sequence + 1)
+            own = {"session": self._life, "sequence": self._sequence, "stamp_ns": stamp_ns}
+        payload = json.dumps({**own, **body}).encode()
+        if self._keyring is None:
+            return payload, None
+        return payload, self._keyring.sign(self._name, verb, payload).encode()
+
+    def _get(self, verb: str, payload: bytes, proof: bytes | None, timeout_s: float) -> dict[str, Any]:
+        key = self._description.key("command", verb=verb)
+        deadline_s = time.monotonic() + timeout_s
+        while True:
+            left_s = max(deadline_s - time.monotonic(), 0.05)
+            for reply in self._session.get(key, payload=payload, attachment=proof, timeout=left_s):
+                if reply.ok is not None:
+                    return json.loads(reply.ok.payload.to_bytes())
+            if time.monotonic() >= deadline_s:
+                raise NoAnswer(
+                    f"nothing answered at {key}", todo="Is 'twin run' running? Same --hand, same --endpoint?"
+                )
+            time.sleep(0.05)

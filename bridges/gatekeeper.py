@@ -1,0 +1,189 @@
+"""The gate on Zenoh: requests in, replies out, and a clock that turns it while it is armed."""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import zenoh
+
+from bridges.guard import Guard
+from bridges.outlet import Outlet
+from twin_daemon.errors import nearest
+from twin_daemon.gate.audit import AuditLog
+from twin_daemon.gate.checks import NOTHING_SENT
+from twin_daemon.gate.gate import Gate
+from twin_daemon.gate.identity import Keyring, Proof
+from twin_daemon.gate.requests import KINDS, BadRequest, read_request
+from twin_daemon.hand import HandDescription
+
+log = logging.getLogger("twin.gate")
+
+Tell = Callable[[str, str, dict[str, Any]], None]
+_REPEAT_S = 1.0
+_IDLE_S = 0.5
+_SYNC_S = 1.0
+
+
+class Register:
+    """What the gate decides, in the audit log and as events. Of refusals that repeat one a second is written."""
+
+    def __init__(self, audit: AuditLog, tell: Tell) -> None:
+        self._audit = audit
+        self._tell = tell
+        self._refused: dict[tuple[Any, ...], tuple[float, int]] = {}
+
+    def __call__(self, entry: dict[str, Any]) -> None:
+        """Writes one decision. Raises OSError where the log cannot be written."""
+        if not entry["accepted"]:
+            same = (entry["who"], entry["verb"], entry["check"])
+            written_s, unwritten = self._refused.get(same, (-_REPEAT_S, 0))
+            now_s = time.monotonic()
+            if now_s - written_s < _REPEAT_S:
+                self._refused[same] = (written_s, unwritten + 1)
+                return
+            if len(self._refused) > 1000:  # names are free to invent
+                self._refused.clear()
+            self._refused[same] = (now_s, 0)
+            entry = entry | {"repeated": unwritten} if unwritten else entry
+        self._audit.write(time.time_ns(), {key: value for key, value in entry.items() if value is not None})
+        self._tell("gate", _sentence(entry), {key: entry.get(key) for key in ("verb", "who", "accepted", "check")})
+
+
+def _sentence(entry: dict[str, Any]) -> str:
+    who, verb = entry["who"] or "somebody unknown", entry["verb"]
+    if verb == "trip":
+        return f"the motion of {who} has ended: {entry['why']}"
+    said = f"{who}: {verb}"
+    if entry.get("reason"):
+        said += f" ({entry['reason']})"
+    return said if entry["accepted"] else f"{said} refused: {entry['why']}"
+
+
+class Gatekeeper:
+    """Serves `command/*` and turns the gate in a thread of its own.
+
+    A request is the JSON of its verb, with a proof of who asks as the attachment; the reply says accepted or refused
+    and why. `command/target` can be put as well as asked: a stream then needs no replies. `others` answer further
+    verbs, with their payload and proof.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        gate: Gate,
+        keyring: Keyring,
+        description: HandDescription,
+        others: dict[str, Callable[[bytes, Proof | None], dict[str, Any]]] | None = None,
+        sync: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.gate = gate
+        self._keyring = keyring
+        self._others = {"status": lambda _payload, _proof: self.status(), **(others or {})}
+        self._key = lambda verb: description.key("command", verb=verb)
+        self._sync = sync
+        self._guard = Guard(log)
+        self._outlet = Outlet(session, description)
+        self._stop, self._wake = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._turns, name="twin-gate", daemon=True)
+        self._thread.start()
+        self._entities: list[Any] = [
+            session.declare_queryable(self._key("*"), self._reply),
+            session.declare_subscriber(self._key("target"), self._streamed),
+        ]
+
+    def status(self) -> dict[str, Any]:
+        """The gate's state, as `command/status` tells it to anybody."""
+        return {"schema": 1, **self.gate.status(time.monotonic()), "errors": self._guard.errors}
+
+    def close(self) -> None:
+        """Ends what is under way, lets it come to rest, and withdraws."""
+        for entity in self._entities:
+            entity.undeclare()
+        self._stop.set()
+        self._wake.set()
+        self._thread.join()
+        self._outlet.close()
+
+    # -- requests ------------------------------------------------------------------------------------------
+
+    def _reply(self, query: zenoh.Query) -> None:
+        key = str(query.key_expr)
+        if "*" in key:  # to ask for everything is to look, and looking commands nothing
+            with query:
+                return
+        verb = key.rpartition("/")[2]
+        try:
+            with query:
+                payload = b"" if query.payload is None else query.payload.to_bytes()
+                proof = None if query.attachment is None else Proof.decode(query.attachment.to_bytes()) or Proof("", "")
+                answer = self._answer(verb, payload, proof)
+                query.reply(key, json.dumps(answer, allow_nan=False), encoding="application/json")
+        except Exception as error:
+            self._guard.failed(f"the answer to {verb}", error)
+
+    def _streamed(self, sample: zenoh.Sample) -> None:
+        proof = None if sample.attachment is None else Proof.decode(sample.attachment.to_bytes()) or Proof("", "")
+        self._guard.run("a streamed target", self._answer, "target", sample.payload.to_bytes(), proof)
+
+    def _answer(self, verb: str, payload: bytes, proof: Proof | None) -> dict[str, Any]:
+        if verb in self._others:
+            return self._others[verb](payload, proof)
+        if verb not in KINDS:
+            return _refused(verb, "verb", f"there is no command '{verb}'", nearest(verb, [*KINDS, *self._others]))
+        try:
+            request = read_request(verb, payload)
+        except BadRequest as error:
+            return _refused(verb, "request", str(error), "the JSON of this request")
+        who = self._keyring.who(verb, payload, proof)
+        answer = self.gate.ask(verb, request, who, time.monotonic(), time.time_ns())
+        if answer["accepted"] and verb in ("arm", "disarm", "stop", "release", "move", "trajectory"):
+            self._guard.run("the audit log", self._sync)
+        self._wake.set()
+        return answer
+
+    # -- turns ---------------------------------------------------------------------------------------------
+
+    def _turns(self) -> None:
+        period_s = 1.0 / self.gate.settings.rate_hz
+        next_s = time.monotonic()
+        while True:
+            now_s = time.monotonic()
+            if self._stop.is_set() and (not self.gate.active or now_s > next_s + _IDLE_S):
+                return
+            if self._stop.is_set():
+                self.gate.end("closed", "the daemon ends", now_s)
+            if not self.gate.active:
+                self._turn(now_s)
+                self._wake.wait(_IDLE_S)
+                self._wake.clear()
+                next_s = time.monotonic()
+                continue
+            self._turn(now_s)
+            next_s = max(next_s + period_s, now_s)
+            time.sleep(max(next_s - time.monotonic(), 0.0))
+
+    def _turn(self, now_s: float) -> None:
+        try:
+            command = self.gate.turn(now_s, time.time_ns())
+            if command is not None:
+                self._outlet.send(command)
+        except Exception as error:
+            self._guard.failed("a turn of the gate", error)
+            self.gate.fault(f"the gate failed: {error!r:.200}", now_s)
+
+
+def _refused(verb: str, check: str, why: str, allowed: str) -> dict[str, Any]:
+    return {
+        "schema": 1,
+        "verb": verb,
+        "accepted": False,
+        "check": check,
+        "why": why,
+        "allowed": allowed,
+        "consequence": NOTHING_SENT,
+    }

@@ -1,0 +1,116 @@
+"""What the commands that reach the hand share: who asks, the way to the gate, and what its replies mean."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from twin_daemon.cli.run import load_named
+from twin_daemon.errors import BadInput, NoAnswer, Refused
+from twin_daemon.resources import state_dir
+
+if TYPE_CHECKING:
+    import zenoh
+
+    from bridges.commander import Commander
+    from bridges.stop import Stoppable
+    from twin_daemon.hand import Hand
+    from twin_daemon.signals.trajectory import Trajectory
+
+As = Annotated[
+    str,
+    typer.Option("--as", metavar="NAME", help="Which identity of the key file asks (TWIN_KEYS names another file)."),
+]
+Reason = Annotated[str, typer.Option("--reason", metavar="TEXT", help="Why, for the audit log.")]
+_POLL_S = 0.1
+
+
+@dataclass(frozen=True)
+class Desk:
+    """An open way to the gate of one hand."""
+
+    hand: Hand
+    session: zenoh.Session
+    commander: Commander
+
+
+@contextlib.contextmanager
+def at_the_desk(
+    hand: str | None, model: Path | None, namespace: str | None, endpoint: str | None, name: str
+) -> Iterator[Desk]:
+    """Connects to the daemon in the name of an identity. Raises NoAnswer, and BadInput for keys that are not there."""
+    from bridges.commander import Commander
+    from bridges.session import choose_endpoint, open_client
+    from twin_daemon.gate.identity import keys_file, load_keyring
+
+    chosen = load_named(hand, model, namespace)
+    address = choose_endpoint(endpoint)
+    path = keys_file(state_dir())
+    session = open_client(address, 3.0)
+    if session is None:
+        raise NoAnswer(f"nothing answered at {address}", todo="Start the daemon with 'twin run'")
+    try:
+        keyring = load_keyring(path)
+        if name not in keyring:
+            raise BadInput(f"no identity '{name}'", where=path, todo="Name one of the file with --as")
+        yield Desk(chosen, session, Commander(session, chosen.description, keyring, name))
+    finally:
+        session.close()
+
+
+def accepted(answer: dict[str, Any]) -> dict[str, Any]:
+    """The reply, if it is no refusal. Raises Refused."""
+    if answer["accepted"]:
+        return answer
+    raise Refused(str(answer["why"]), allowed=answer["allowed"], todo=f"So {answer['consequence']}")
+
+
+def body_of(plan: Trajectory) -> dict[str, Any]:
+    """A trajectory as a request carries it."""
+    return {
+        "name": plan.name,
+        "joints": list(plan.joints),
+        "times_s": plan.times_s.tolist(),
+        "positions": plan.positions.tolist(),
+    }
+
+
+def see_through(
+    desk: Desk,
+    answer: dict[str, Any],
+    stop: Stoppable,
+    turn: Callable[[float], None] = time.sleep,
+    report: Callable[[float, float], None] = lambda _done, _of: None,
+) -> dict[str, Any]:
+    """Stays until an accepted motion has ended, and keeps saying that somebody is there; the last status.
+
+    `turn` passes the time between two looks. When `stop` is set the motion is ended. Raises Refused where the gate
+    ended the motion before its end.
+    """
+    from bridges.guard import Guard
+
+    guard = Guard(logging.getLogger("twin.command"))
+    status = answer["gate"]
+    with desk.commander.beating(status["heartbeat_s"] / 5.0, guard):
+        while status["moving"]:
+            if stop.is_set():
+                desk.commander.ask("disarm")
+                raise Refused(
+                    "interrupted: the motion has been ended", todo="The hand holds where it is; it is disarmed"
+                )
+            turn(_POLL_S)
+            status = desk.commander.status()
+            if status["duration_s"] is not None:
+                report(status["elapsed_s"], status["duration_s"])
+    if status["ended"] != "done":
+        raise Refused(
+            f"the motion has been ended: {status['ended']}", todo="The hand holds where it is; it is disarmed"
+        )
+    return status

@@ -1,0 +1,216 @@
+"""`twin command`: commands to the real hand, through the gate."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from twin_daemon.cli.command import Group
+from twin_daemon.cli.commanding import As, Reason, accepted, at_the_desk, body_of, see_through
+from twin_daemon.cli.console import emit_json, people, plain_text, progress_console
+from twin_daemon.cli.options import HandName, Json, Model
+from twin_daemon.cli.run import Endpoint, Namespace
+from twin_daemon.errors import UsageError
+
+if TYPE_CHECKING:
+    from twin_daemon.cli.commanding import Desk
+
+app = Group("Commands to the real hand, through a gate that checks them. It is no certified stop.")
+
+DryRun = Annotated[bool, typer.Option("--dry-run", help="Try it on the twin only, and say what would happen.")]
+_OPERATOR = "operator"
+
+
+@app.command("arm")
+def arm(
+    reason: Reason = "",
+    lease: Annotated[float | None, typer.Option("--lease", metavar="S", min=0.1, help="How long it may last.")] = None,
+    name: As = _OPERATOR,
+    hand: HandName = None,
+    model: Model = None,
+    namespace: Namespace = None,
+    endpoint: Endpoint = None,
+    json: Json = None,
+) -> None:
+    """Let commands through, for a reason and for a time. One commander at once."""
+    with at_the_desk(hand, model, namespace, endpoint, name) as desk:
+        answer = desk.commander.ask("arm", reason=reason, **({} if lease is None else {"lease_s": lease}))
+    left_s = answer["gate"]["lease_left_s"] if answer["accepted"] else 0.0
+    _tell(answer, json, f"armed for {left_s or 0.0:.0f} s")
+
+
+@app.command("disarm")
+def disarm(
+    name: As = _OPERATOR,
+    hand: HandName = None,
+    model: Model = None,
+    namespace: Namespace = None,
+    endpoint: Endpoint = None,
+    json: Json = None,
+) -> None:
+    """End the lease. What moves comes to rest; the hand holds."""
+    with at_the_desk(hand, model, namespace, endpoint, name) as desk:
+        answer = desk.commander.ask("disarm")
+    _tell(answer, json, "disarmed; the hand holds where it is")
+
+
+@app.command("move")
+def move(
+    targets: Annotated[list[str], typer.Argument(metavar="NAME=RAD...", help="Joints or commands and their targets.")],
+    seconds: Annotated[
+        float | None, typer.Option("--seconds", metavar="S", min=0.01, help="How long it takes.")
+    ] = None,
+    dry_run: DryRun = False,
+    name: As = _OPERATOR,
+    hand: HandName = None,
+    model: Model = None,
+    namespace: Namespace = None,
+    endpoint: Endpoint = None,
+    json: Json = None,
+) -> None:
+    """Move some joints smoothly to their targets, and wait until they are there. Ctrl-C ends the motion."""
+    body: dict[str, Any] = {"targets": _targets(targets), "dry_run": dry_run}
+    with at_the_desk(hand, model, namespace, endpoint, name) as desk:
+        _motion(desk, "move", body | ({} if seconds is None else {"seconds": seconds}), json)
+
+
+@app.command("trajectory")
+def trajectory(
+    reference: Annotated[str, typer.Argument(metavar="NAME|FILE.yaml:NAME", help="Which trajectory.")],
+    dry_run: DryRun = False,
+    name: As = _OPERATOR,
+    hand: HandName = None,
+    model: Model = None,
+    namespace: Namespace = None,
+    endpoint: Endpoint = None,
+    json: Json = None,
+) -> None:
+    """Go smoothly to the start of a trajectory, then along it. Ctrl-C ends the motion."""
+    from twin_daemon.cli.run import load_named
+    from twin_daemon.signals.trajectory import load_trajectory
+
+    plan = load_trajectory(reference, load_named(hand, model, namespace))
+    with at_the_desk(hand, model, namespace, endpoint, name) as desk:
+        _motion(desk, "trajectory", {**body_of(plan.by_command(desk.hand)), "dry_run": dry_run}, json)
+
+
+@app.command("stop")
+def stop(
+    reason: Reason = "",
+    hand: HandName = None,
+    model: Model = None,
+    namespace: Namespace = None,
+    endpoint: Endpoint = None,
+    json: Json = None,
+) -> None:
+    """Bring everything to rest and latch it: nothing is armed again before 'release'. Anybody may do it."""
+    from bridges.commander import Commander
+    from bridges.session import choose_endpoint, open_client
+    from twin_daemon.cli.run import load_named
+    from twin_daemon.errors import NoAnswer
+
+    address = choose_endpoint(endpoint)
+    description = load_named(hand, model, namespace).description
+    session = open_client(address, 3.0)
+    if session is None:
+        raise NoAnswer(f"nothing answered at {address}: NOT stopped", todo="Use the hand's own emergency stop")
+    with session:
+        answer = Commander(session, description).ask("stop", reason=reason)
+    _tell(answer, json, "stopped; 'twin command release' undoes it")
+
+
+@app.command("release")
+def release(
+    reason: Reason = "",
+    name: As = _OPERATOR,
+    hand: HandName = None,
+    model: Model = None,
+    namespace: Namespace = None,
+    endpoint: Endpoint = None,
+    json: Json = None,
+) -> None:
+    """Undo a stop. The hand is not armed by it."""
+    with at_the_desk(hand, model, namespace, endpoint, name) as desk:
+        answer = desk.commander.ask("release", reason=reason)
+    _tell(answer, json, "released; not armed")
+
+
+@app.command("status")
+def status(
+    hand: HandName = None,
+    model: Model = None,
+    namespace: Namespace = None,
+    endpoint: Endpoint = None,
+    json: Json = None,
+) -> None:
+    """Who has armed the hand, for how long, and what moves."""
+    from bridges.client import ask_once
+    from bridges.session import choose_endpoint
+    from twin_daemon.cli.run import load_named
+
+    description = load_named(hand, model, namespace).description
+    found = ask_once(choose_endpoint(endpoint), description.key("command", verb="status"))
+    if json != "-":
+        for key, value in found.items():
+            people().print(f"{key}: {plain_text('-' if value is None else value)}")
+    emit_json(json, found)
+
+
+def _targets(pairs: list[str]) -> dict[str, float]:
+    found: dict[str, float] = {}
+    for pair in pairs:
+        joint, equals, value = pair.partition("=")
+        try:
+            found[joint] = float(value)
+        except ValueError:
+            equals = ""
+        if not (joint and equals):
+            raise UsageError(f"'{pair}' is not NAME=RAD", todo="Write rh_FFJ3=0.5")
+    return found
+
+
+def _motion(desk: Desk, verb: str, body: dict[str, Any], json: str | None) -> None:
+    from bridges.stop import on_termination
+
+    with on_termination() as stop:
+        answer = desk.commander.ask(verb, **body)
+        if body["dry_run"]:
+            emit_json(json, answer)
+            accepted(answer)
+            _show_rehearsal(answer["rehearsal"], json)
+            return
+        if not answer["accepted"]:
+            emit_json(json, answer)
+            accepted(answer)
+        began_s = time.monotonic()
+        console = progress_console()
+        with console.status("moving") as line:
+            status = see_through(desk, answer, stop, report=lambda at, of: line.update(f"{at:.1f} of {of:.1f} s"))
+    emit_json(json, answer | {"gate": status})
+    people(json).print(f"done in {time.monotonic() - began_s:.1f} s; the hand holds, and is still armed")
+
+
+def _show_rehearsal(found: dict[str, Any], json: str | None) -> None:
+    from twin_daemon.cli.tables import slim_table
+
+    console = people(json)
+    table = slim_table("on the twin", ("command", "peak effort", "of what the motor can", "behind by rad"))
+    for name, effort in found["peak_effort"].items():
+        share = found["peak_effort_share"][name]
+        table.add_row(
+            plain_text(name),
+            f"{effort:.3g}",
+            "-" if share is None else f"{share:.0%}",
+            f"{found['tracking_error_rad'][name]:.3f}",
+        )
+    console.print(table)
+    touches = ", ".join(" and ".join(pair) for pair in found["touches"]) or "none"
+    console.print(f"{found['duration_s']:.1f} s; bodies that touch: {plain_text(touches)}. The hand has not been moved")
+
+
+def _tell(answer: dict[str, Any], json: str | None, done: str) -> None:
+    emit_json(json, answer)
+    accepted(answer)
+    people(json).print(done)
