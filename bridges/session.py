@@ -12,9 +12,11 @@ import os
 import re
 import threading
 import time
+from typing import Any
 
 import zenoh
 
+from bridges.access import credentials
 from bridges.stop import Stoppable
 from twin_daemon.errors import BadInput, UsageError
 
@@ -33,8 +35,10 @@ def choose_endpoint(given: str | None = None) -> str:
     return endpoint
 
 
-def session_config(mode: str, *, listen: list[str] | None = None, connect: list[str] | None = None) -> zenoh.Config:
-    """A configuration that talks to the named endpoints and to nobody else."""
+def session_config(
+    mode: str, *, listen: list[str] | None = None, connect: list[str] | None = None, **more: Any
+) -> zenoh.Config:
+    """A configuration that talks to the named endpoints and to nobody else; `more` are further keys of Zenoh's."""
     config = zenoh.Config()
     for key, value in {
         "mode": mode,
@@ -46,21 +50,26 @@ def session_config(mode: str, *, listen: list[str] | None = None, connect: list[
         "scouting/gossip/enabled": False,
         # at 1.5 kB a message it is slower, and its mlock fails under systemd's limits
         "transport/shared_memory/enabled": False,
+        **more,
     }.items():
         config.insert_json5(key, json.dumps(value))
     return config
 
 
-def open_client(endpoint: str, timeout_s: float | None, stop: Stoppable | None = None) -> zenoh.Session | None:
-    """A session at `endpoint`; tries again until something listens there.
+def open_client(
+    endpoint: str, timeout_s: float | None, stop: Stoppable | None = None, name: str | None = None
+) -> zenoh.Session | None:
+    """A session at `endpoint` in the name of an identity; tries again until something listens there.
 
     None when `timeout_s` has passed (None: for ever) or `stop` is set. Once open, Zenoh itself reconnects.
     """
+    user, password = credentials(name)
+    own = {"transport/auth/usrpwd": {"user": user, "password": password}}
     stop = stop or threading.Event()
     deadline_s = None if timeout_s is None else time.monotonic() + timeout_s
     while not stop.is_set():
         try:
-            return zenoh.open(session_config("client", connect=[endpoint]))
+            return zenoh.open(session_config("client", connect=[endpoint], **own))
         except zenoh.ZError:
             pass
         if deadline_s is not None and time.monotonic() >= deadline_s:
@@ -69,15 +78,24 @@ def open_client(endpoint: str, timeout_s: float | None, stop: Stoppable | None =
     return None
 
 
-def open_daemon(endpoint: str) -> tuple[zenoh.Session, str]:
-    """A session for the daemon, and whether it "listens" there or "joined" the router that was there already."""
+def open_daemon(endpoint: str, access: dict[str, Any] | None = None) -> tuple[zenoh.Session, str]:
+    """A session for the daemon, and whether it "listens" there or "joined" the router that was there already.
+
+    With `access` its own router enforces it; a router that was there already has rules of its own.
+    """
     try:
-        return zenoh.open(session_config("router", listen=[endpoint])), "listens"
+        return zenoh.open(session_config("router", listen=[endpoint], **(access or {}))), "listens"
     except zenoh.ZError as error:
         if "in use" not in str(error):
             raise BadInput(
                 f"cannot listen: {error}".split(" at /")[0], where=endpoint, todo="Choose another --endpoint"
             ) from None
+    if access is not None:
+        raise BadInput(
+            "another router is there, whose rules this daemon cannot set",
+            where=endpoint,
+            todo="Choose another --endpoint, or leave 'access' out and let that router control it",
+        )
     session = open_client(endpoint, timeout_s=2.0)
     if session is None:
         raise BadInput(

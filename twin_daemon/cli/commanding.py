@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from twin_daemon.cli.run import load_named
-from twin_daemon.errors import BadInput, NoAnswer, Refused
+from twin_daemon.errors import NoAnswer, Refused
 from twin_daemon.resources import state_dir
 
 if TYPE_CHECKING:
@@ -30,6 +30,7 @@ As = Annotated[
 ]
 Reason = Annotated[str, typer.Option("--reason", metavar="TEXT", help="Why, for the audit log.")]
 _POLL_S = 0.1
+_PATIENCE_S = 5.0
 
 
 @dataclass(frozen=True)
@@ -53,13 +54,11 @@ def at_the_desk(
     chosen = load_named(hand, model, namespace)
     address = choose_endpoint(endpoint)
     path = keys_file(state_dir())
-    session = open_client(address, 3.0)
+    keyring = load_keyring(path)
+    session = open_client(address, _PATIENCE_S, name=name)
     if session is None:
         raise NoAnswer(f"nothing answered at {address}", todo="Start the daemon with 'twin run'")
     try:
-        keyring = load_keyring(path)
-        if name not in keyring:
-            raise BadInput(f"no identity '{name}'", where=path, todo="Name one of the file with --as")
         yield Desk(chosen, session, Commander(session, chosen.description, keyring, name))
     finally:
         session.close()

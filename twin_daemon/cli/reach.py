@@ -113,7 +113,7 @@ def stop(
 
     address = choose_endpoint(endpoint)
     description = load_named(hand, model, namespace).description
-    session = open_client(address, 3.0)
+    session = open_client(address, 5.0)
     if session is None:
         raise NoAnswer(f"nothing answered at {address}: NOT stopped", todo="Use the hand's own emergency stop")
     with session:

@@ -48,6 +48,7 @@ def command(
     seconds: Seconds = None,
 ) -> int:
     """Run the live twin: follow the hand, predict it, measure the error, answer questions. Ends on SIGTERM."""
+    from bridges.access import router_access
     from bridges.diagnoser import Diagnoser
     from bridges.gatekeeper import Gatekeeper, Register
     from bridges.keep import Keeper
@@ -79,7 +80,11 @@ def command(
     ring = Ring(60.0 * settings.daemon.keep_minutes, settings.daemon.keep_mib * 2**20)
     keeper = Keeper(ring, chosen.description, state_dir() / "recordings", settings.daemon)
     with on_termination() as stop, contextlib.ExitStack() as stack:
-        session, how = open_daemon(address)
+        access = None
+        if settings.access is not None:
+            looks = settings.access.anonymous == "look"
+            access = router_access(keyring, chosen.description, folder / "passwords", looks)
+        session, how = open_daemon(address, access)
         stack.callback(session.close)
         if how == "joined" and someone_serves(session, service.hand.description.key("alive")):
             raise BadInput(

@@ -47,6 +47,14 @@ class RosSettings(BaseModel):
     twin_joint_states: str = "twin/joint_states"
 
 
+class AccessSettings(BaseModel):
+    """Access control on the network, by the identities of the key file."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    anonymous: Literal["look", "nothing"] = Field(default="look", description="what those without an identity may do")
+
+
 class TwinConfig(BaseModel):
     """The configuration of one daemon. What the command line says wins over the file."""
 
@@ -58,6 +66,7 @@ class TwinConfig(BaseModel):
     version: str | None = Field(default=None, description="id of a stored version; default: the promoted one")
     endpoint: str | None = Field(default=None, description="Zenoh endpoint, such as tcp/127.0.0.1:7447")
     ros: RosSettings | None = Field(default=None, description="a ROS 2 system on the same Zenoh network")
+    access: AccessSettings | None = Field(default=None, description="access control; none without it")
     daemon: DaemonSettings = DaemonSettings()
     gate: GateSettings = GateSettings()
 
@@ -90,7 +99,7 @@ def _explain(path: Path, error: ValidationError) -> BadInput:
     location = [str(part) for part in first["loc"]]
     key = ".".join(location) or "(top)"
     if first["type"] == "extra_forbidden":
-        sections = {"daemon": DaemonSettings, "ros": RosSettings, "gate": GateSettings}
+        sections = {"daemon": DaemonSettings, "ros": RosSettings, "gate": GateSettings, "access": AccessSettings}
         section = CommandLimit if location[:2] == ["gate", "limits"] else TwinConfig
         known = sections.get(".".join(location[:-1]), section).model_fields
         return BadInput(f"unknown key '{key}'", where=path, allowed=", ".join(known), todo=nearest(location[-1], known))

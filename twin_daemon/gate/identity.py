@@ -16,15 +16,15 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from twin_daemon.errors import BadInput
 from twin_daemon.files import write_atomically
 
-Role = Literal["operator", "viewer"]
+Role = Literal["operator", "viewer", "hand"]
 ANONYMOUS = "anonymous"
-DEFAULT_OPERATOR = "operator"
+_USUAL: dict[str, Role] = {"operator": "operator", "hand": "hand", "viewer": "viewer"}
 _Key = Annotated[str, Field(pattern=r"^[0-9a-f]{64,128}$")]
 
 
 @dataclass(frozen=True)
 class Who:
-    """Somebody who asks. Anonymous callers and viewers may look and stop, never command."""
+    """Somebody who asks. Only an operator may command; everybody may look and stop."""
 
     name: str
     role: Role = "viewer"
@@ -88,6 +88,17 @@ class Keyring:
             return None
         return Who(proof.who, known.role)
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(self._identities)
+
+    def role(self, name: str) -> Role:
+        return self._identities[name].role
+
+    def password(self, name: str) -> str:
+        """What `name` logs in with on the network; the key itself never leaves."""
+        return hmac.new(bytes.fromhex(self._identities[name].key), b"zenoh", hashlib.sha256).hexdigest()
+
     def __contains__(self, name: str) -> bool:
         return name in self._identities
 
@@ -111,17 +122,17 @@ def load_keyring(path: Path) -> Keyring:
         raise BadInput(
             f"{place}: not an identity file",
             where=path,
-            allowed='{"schema": 1, "identities": {NAME: {"role": "operator" or "viewer", "key": 64 hex digits}}}',
+            allowed='{"schema": 1, "identities": {NAME: {"role": operator, viewer or hand, "key": 64 hex digits}}}',
         ) from None
     return Keyring(read.identities)
 
 
 def ensure_keyring(path: Path) -> Keyring:
-    """The identities of a file, which is made with one operator where there is none yet."""
+    """The identities of a file, which is made with one of each role where there is none yet."""
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        operator = {"role": "operator", "key": secrets.token_hex(32)}
-        content = json.dumps({"schema": 1, "identities": {DEFAULT_OPERATOR: operator}}, indent=1)
+        made = {name: {"role": role, "key": secrets.token_hex(32)} for name, role in _USUAL.items()}
+        content = json.dumps({"schema": 1, "identities": made}, indent=1)
         write_atomically(path, content.encode(), mode=0o600)
     return load_keyring(path)
 

@@ -1,0 +1,91 @@
+"""Who may do what on the network: access control of the daemon's own router, denying by default.
+
+The users are the identities of the key file. A user's password is derived from its key, so that one secret serves
+here and at the gate, which proves every request once more: what slips through here still commands nothing.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+from twin_daemon.errors import BadInput
+from twin_daemon.files import write_atomically
+from twin_daemon.gate.identity import ANONYMOUS, Keyring, keys_file, load_keyring
+from twin_daemon.hand import HandDescription
+from twin_daemon.resources import state_dir
+
+PUBLIC = (ANONYMOUS, ANONYMOUS)
+"""What everybody may use who has no identity; it looks where looking is free."""
+_LOOK = ("state", "residual", "version", "versions", "drift", "model", "events", "health", "diagnosis")
+_WORK = ("keep", "diagnose")  # they write to the disk, or take the machine's time
+
+
+def credentials(name: str | None = None) -> tuple[str, str]:
+    """User and password of an identity of the key file; by default that of TWIN_AS, else the public ones."""
+    name = name or os.environ.get("TWIN_AS")
+    if not name:
+        return PUBLIC
+    path = keys_file(state_dir())
+    keyring = load_keyring(path)
+    if name not in keyring:
+        raise BadInput(f"no identity '{name}'", where=path, todo="Name one of the file with --as or TWIN_AS")
+    return name, keyring.password(name)
+
+
+def router_access(
+    keyring: Keyring, description: HandDescription, passwords: Path, anonymous_looks: bool
+) -> dict[str, Any]:
+    """The router's configuration for the identities of a keyring. Writes the file of passwords that it refers to."""
+    users = {name: keyring.password(name) for name in keyring.names}
+    if anonymous_looks:
+        users[PUBLIC[0]] = PUBLIC[1]
+    passwords.parent.mkdir(parents=True, exist_ok=True)
+    lines = "".join(f"{name}:{password}\n" for name, password in users.items())
+    write_atomically(passwords, lines.encode(), mode=0o600)
+    return {
+        "transport/auth/usrpwd": {"dictionary_file": str(passwords)},
+        "access_control": _rules(keyring, description),
+    }
+
+
+def _rules(keyring: Keyring, description: HandDescription) -> dict[str, Any]:
+    def command(verb: str) -> str:
+        return description.key("command", verb=verb)
+
+    streams = [description.key(name) for name in ("joint_states", "joint_commands")]
+    told = [description.key(name) for name in ("twin_joint_states", "residual", "events", "health")]
+    asked = [*(description.key(name) for name in _LOOK), command("status"), command("stop")]
+    work = [description.key(name) for name in _WORK]
+    everything = [*streams, *told, *asked, *work, command("*"), description.key("alive")]
+    rules = [
+        _rule("answers", "egress", ["put", "reply", "liveliness_token", "declare_queryable", "query"], everything),
+        _rule("interest", "egress", ["declare_subscriber"], everything),
+        _rule("listen", "ingress", ["declare_subscriber"], [*streams, *told]),
+        _rule("see", "ingress", ["liveliness_query", "declare_liveliness_subscriber"], [description.key("alive")]),
+        _rule("ask", "ingress", ["query"], asked),
+        _rule("work", "ingress", ["query"], work),
+        _rule("command", "ingress", ["query", "put"], [command("*")]),
+        _rule("speak", "ingress", ["put"], streams),
+    ]
+    subjects: list[dict[str, Any]] = [{"id": "all"}]
+    policies: list[dict[str, Any]] = [
+        {"rules": ["answers", "interest", "listen", "see", "ask"], "subjects": ["all"]},
+    ]
+    for role, allowed in {"operator": ["work", "command"], "hand": ["speak"]}.items():
+        names = [name for name in keyring.names if keyring.role(name) == role]
+        if names:
+            subjects.append({"id": role, "usernames": names})
+            policies.append({"rules": allowed, "subjects": [role]})
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": subjects,
+        "policies": policies,
+    }
+
+
+def _rule(name: str, flow: str, messages: list[str], keys: list[str]) -> dict[str, Any]:
+    return {"id": name, "permission": "allow", "flows": [flow], "messages": messages, "key_exprs": keys}

@@ -1,0 +1,92 @@
+"""Access control in real processes: denials are silent, so they are tested by what arrives."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+import zenoh
+
+from bridges import cdr
+from bridges.client import ask
+from bridges.commander import Commander
+from bridges.session import open_client
+from twin_daemon.daemon.messages import JointSample
+from twin_daemon.errors import NoAnswer
+from twin_daemon.gate.identity import load_keyring
+from twin_daemon.hand import load_hand
+
+NS = "shadow_hand"
+
+
+@pytest.mark.parametrize("anonymous", ["look", "nothing"])
+def test_each_may_do_what_his_role_says(
+    twin: Any, tmp_path: Path, state_dir: Path, until: Any, monkeypatch: pytest.MonkeyPatch, anonymous: str
+) -> None:
+    config = tmp_path / "twin.yaml"
+    config.write_text(yaml.safe_dump({"access": {"anonymous": anonymous}, "gate": {"state_timeout_s": 5.0}}))
+    twin.start("run", "-c", str(config))
+    keys = state_dir / "keys.json"
+    until(keys.exists, 20.0)
+    description = load_hand().description
+    sessions: dict[str, zenoh.Session] = {}
+    for name in ("hand", "operator", "viewer"):
+        opened = open_client(twin.endpoint, 20.0, name=name)
+        assert opened is not None
+        sessions[name] = opened
+    stranger = open_client(twin.endpoint, 1.0)
+    assert (stranger is not None) == (anonymous == "look")
+    if stranger is not None:
+        sessions["anonymous"] = stranger
+    try:
+        names = tuple(ask(sessions["viewer"], f"twin/{NS}/state", 15.0)["joints"])
+
+        def received() -> int:
+            return ask(sessions["viewer"], f"twin/{NS}/health", 10.0)["joint_states"]["received"]
+
+        sample = cdr.encode(JointSample(0, names, np.zeros(24)))
+        for name, session in sessions.items():
+            if name != "hand":
+                session.put(f"{NS}/joint_states", sample)
+                session.put(f"{NS}/joint_commands", sample)
+        time.sleep(0.5)
+        assert received() == 0
+        until(lambda: sessions["hand"].put(f"{NS}/joint_states", sample) or received() > 0)
+
+        keyring = load_keyring(keys)
+        monkeypatch.setattr("bridges.commander._PATIENCE_S", 1.0)
+        arm = {"reason": "a test"}
+        operator = Commander(sessions["operator"], description, keyring, "operator")
+        until(lambda: sessions["hand"].put(f"{NS}/joint_states", sample) or operator.ask("arm", **arm)["accepted"])
+        for name, session in sessions.items():
+            if name == "operator":
+                continue
+            # with the operator's own key, but on a connection that may not command
+            thief = Commander(session, description, keyring, "operator")
+            thief._life = operator._life
+            with pytest.raises(NoAnswer):
+                thief.ask("disarm", 1.0)
+        assert operator.status()["mode"] == "armed"
+        assert Commander(sessions["viewer"], description).ask("stop", reason="anybody may")["accepted"]
+        assert operator.status()["mode"] == "stopped"
+    finally:
+        for session in sessions.values():
+            session.close()
+
+
+def test_a_wrong_password_gets_no_session(
+    twin: Any, tmp_path: Path, state_dir: Path, until: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = tmp_path / "twin.yaml"
+    config.write_text("access: {}\n")
+    twin.start("run", "-c", str(config))
+    until((state_dir / "keys.json").exists, 20.0)
+    opened = open_client(twin.endpoint, 20.0)
+    assert opened is not None
+    opened.close()
+    monkeypatch.setattr("bridges.session.credentials", lambda _name: ("operator", "guessed"))
+    assert open_client(twin.endpoint, 1.0) is None
