@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import logging
 import threading
 import time
 from collections.abc import Callable
+from queue import Empty, SimpleQueue
 from typing import Any
 
 import zenoh
@@ -36,6 +38,7 @@ class Register:
         self._audit = audit
         self._tell = tell
         self._refused: dict[tuple[Any, ...], tuple[float, int]] = {}
+        self._untold: SimpleQueue[dict[str, Any]] = SimpleQueue()
 
     def __call__(self, entry: dict[str, Any]) -> None:
         """Writes one decision. Raises OSError where the log cannot be written."""
@@ -51,7 +54,20 @@ class Register:
             self._refused[same] = (now_s, 0)
             entry = entry | {"repeated": unwritten} if unwritten else entry
         self._audit.write(time.time_ns(), {key: value for key, value in entry.items() if value is not None})
-        self._tell("gate", _sentence(entry), {key: entry.get(key) for key in ("verb", "who", "accepted", "check")})
+        # telling may wait for whoever waits for the gate: it is left for later
+        self._untold.put(entry)
+
+    def tell(self) -> None:
+        """Makes events of what was written since the last call."""
+        with contextlib.suppress(Empty):
+            while True:
+                entry = self._untold.get_nowait()
+                data = {key: entry.get(key) for key in ("verb", "who", "accepted", "check")}
+                self._tell("gate", _sentence(entry), data)
+
+    def sync(self) -> None:
+        """Makes what was written survive a loss of power."""
+        self._audit.sync()
 
 
 def _sentence(entry: dict[str, Any]) -> str:
@@ -76,16 +92,17 @@ class Gatekeeper:
         self,
         session: zenoh.Session,
         gate: Gate,
+        register: Register,
         keyring: Keyring,
         description: HandDescription,
         others: dict[str, Callable[[bytes, Proof | None], dict[str, Any]]] | None = None,
-        sync: Callable[[], None] = lambda: None,
     ) -> None:
         self.gate = gate
+        gate.witness = register
+        self._register = register
         self._keyring = keyring
         self._others = {"status": lambda _payload, _proof: self.status(), **(others or {})}
         self._key = lambda verb: description.key("command", verb=verb)
-        self._sync = sync
         self._guard = Guard(log)
         self._outlet = Outlet(session, description)
         self._stop, self._wake = threading.Event(), threading.Event()
@@ -141,9 +158,10 @@ class Gatekeeper:
             return _refused(verb, "request", str(error), "the JSON of this request")
         who = self._keyring.who(verb, payload, proof)
         answer = self.gate.ask(verb, request, who, time.monotonic(), time.time_ns())
-        if answer["accepted"] and verb in ("arm", "disarm", "stop", "release", "move", "trajectory"):
-            self._guard.run("the audit log", self._sync)
         self._wake.set()
+        self._guard.run("the events", self._register.tell)
+        if answer["accepted"] and verb not in ("target", "beat"):
+            self._guard.run("the audit log", self._register.sync)
         return answer
 
     # -- turns ---------------------------------------------------------------------------------------------
@@ -172,6 +190,7 @@ class Gatekeeper:
             command = self.gate.turn(now_s, time.time_ns())
             if command is not None:
                 self._outlet.send(command)
+            self._register.tell()
         except Exception as error:
             self._guard.failed("a turn of the gate", error)
             self.gate.fault(f"the gate failed: {error!r:.200}", now_s)

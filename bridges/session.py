@@ -7,6 +7,7 @@ announced on the network: no multicast, no gossip.
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import re
@@ -36,7 +37,11 @@ def choose_endpoint(given: str | None = None) -> str:
 
 
 def session_config(
-    mode: str, *, listen: list[str] | None = None, connect: list[str] | None = None, **more: Any
+    mode: str,
+    *,
+    listen: list[str] | None = None,
+    connect: list[str] | None = None,
+    more: dict[str, Any] | None = None,
 ) -> zenoh.Config:
     """A configuration that talks to the named endpoints and to nobody else; `more` are further keys of Zenoh's."""
     config = zenoh.Config()
@@ -50,7 +55,7 @@ def session_config(
         "scouting/gossip/enabled": False,
         # at 1.5 kB a message it is slower, and its mlock fails under systemd's limits
         "transport/shared_memory/enabled": False,
-        **more,
+        **(more or {}),
     }.items():
         config.insert_json5(key, json.dumps(value))
     return config
@@ -64,17 +69,19 @@ def open_client(
     None when `timeout_s` has passed (None: for ever) or `stop` is set. Once open, Zenoh itself reconnects.
     """
     user, password = credentials(name)
-    own = {"transport/auth/usrpwd": {"user": user, "password": password}}
+    # a router that asks for no password takes nobody who offers one: the two ways are tried in turn
+    login = {"transport/auth/usrpwd": {"user": user, "password": password}}
+    ways = itertools.cycle((None, login))
     stop = stop or threading.Event()
     deadline_s = None if timeout_s is None else time.monotonic() + timeout_s
     while not stop.is_set():
         try:
-            return zenoh.open(session_config("client", connect=[endpoint], **own))
+            return zenoh.open(session_config("client", connect=[endpoint], more=next(ways)))
         except zenoh.ZError:
             pass
         if deadline_s is not None and time.monotonic() >= deadline_s:
             return None
-        stop.wait(_RETRY_S)
+        stop.wait(0.5 * _RETRY_S)
     return None
 
 
@@ -84,7 +91,7 @@ def open_daemon(endpoint: str, access: dict[str, Any] | None = None) -> tuple[ze
     With `access` its own router enforces it; a router that was there already has rules of its own.
     """
     try:
-        return zenoh.open(session_config("router", listen=[endpoint], **(access or {}))), "listens"
+        return zenoh.open(session_config("router", listen=[endpoint], more=access)), "listens"
     except zenoh.ZError as error:
         if "in use" not in str(error):
             raise BadInput(

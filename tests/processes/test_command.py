@@ -151,6 +151,7 @@ def test_whoever_dies_the_hand_comes_to_rest(
     if victim == "daemon":
         count = until(lambda: (n := len(scene.sent)) and not _grows(scene, n) and n, 10.0)
         if signal_number == signal.SIGSTOP:
+            time.sleep(SLOW_MACHINE["gate"]["state_timeout_s"] + 0.2)
             os.kill(process.pid, signal.SIGCONT)
             ended = until(lambda: (s := commander.status(20.0))["mode"] == "read_only" and s["ended"], 20.0)
             assert "stood still" in ended or "silent" in ended or "last heard" in ended

@@ -101,8 +101,7 @@ def command(
         if gate is not None:
             audit = AuditLog(folder / AUDIT)
             stack.callback(audit.close)
-            gate.witness = Register(audit, service.tell)
-            gatekeeper = Gatekeeper(session, gate, keyring, chosen.description, sync=audit.sync)
+            gatekeeper = Gatekeeper(session, gate, Register(audit, service.tell), keyring, chosen.description)
             stack.callback(gatekeeper.close)
         bridge = ZenohBridge(session, service, answers, ring, ros)
         stack.callback(bridge.close)

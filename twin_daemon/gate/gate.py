@@ -32,6 +32,7 @@ from twin_daemon.simulation.twin import TwinModel
 
 Witness = Callable[[dict[str, Any]], None]
 _REMEMBERED = 512  # stamps of commands that were sent
+_STREAM_S = 1.0  # targets closer than this are one stream
 _RESEND_S = 0.2  # a target that is held is said again: one message may be lost
 _BEYOND_RAD = 1.0  # of its range; no reading of a joint is farther out
 _SAG_RAD = 0.1  # a servo under load rests so far from its target
@@ -39,7 +40,8 @@ _GRACE_S = 0.5  # for another source to notice that it is no longer the only one
 
 
 class Gate:
-    """`witness` gets every decision as a plain object before it takes effect; an OSError of it means refused.
+    """`witness` gets every decision as a plain object before it takes effect; an OSError of it means refused. It is
+    called under the gate's lock and must wait for nobody.
 
     Times are of a monotonic clock, `wall_ns` of the clock that stamps come from. Safe to use from several threads.
     """
@@ -68,8 +70,8 @@ class Gate:
         self._sent_s = self._first_sent_s = -np.inf
         self._sent_row = np.full(len(self.limits.names), np.nan)
         self._number = self._stamp_ns = 0
-        self._measured = np.full(len(twin.joints), np.nan)
-        self._arrival_s = np.full(len(twin.joints), -np.inf)
+        self._streamed_s = -np.inf
+        self._heard = np.full(len(twin.joints), np.nan), np.full(len(twin.joints), -np.inf)
         low, high = np.array([twin.hand.joint_range_rad.get(name, (-np.inf, np.inf)) for name in twin.joints]).T
         bounded = np.isfinite(high - low)
         self._middle = np.where(bounded, 0.5 * (low + high), 0.0)
@@ -92,11 +94,13 @@ class Gate:
     def measured(self, position: np.ndarray, arrival_s: np.ndarray, effort: Mapping[str, float] | None = None) -> None:
         """Where the joints (j,) were last measured, rad, and when that arrived, s. A reading that its joint cannot
         reach says nothing: the joint grows old."""
-        with self._lock, np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore"):
             known = np.abs(position - self._middle) <= self._reach
-            self._measured[known], self._arrival_s[known] = position[known], arrival_s[known]
-            if effort:
-                self._effort.update(effort)
+        before, heard_s = self._heard
+        # replaced as a whole and without the lock: the stream of joint states never waits for the gate
+        self._heard = np.where(known, position, before), np.where(known, arrival_s, heard_s)
+        if effort:
+            self._effort = {**self._effort, **effort}
 
     def seen(self, stamp_ns: int, names: tuple[str, ...], position: np.ndarray, now_s: float) -> None:
         """A command on its way to the hand. One that is not the gate's own ends what the gate does."""
@@ -120,7 +124,7 @@ class Gate:
         with self._asking if verb in MOTION else contextlib.nullcontext():
             with self._lock:
                 situation, generation = self._situation(who, now_s), self._generation
-                measured, planner = self._measured.copy(), self._planner
+                measured, planner = self._heard[0], self._planner
             age_s = (wall_ns - request.stamp_ns) * 1e-9
             reason, lease_s = getattr(request, "reason", ""), getattr(request, "lease_s", None)
             asked = Asked(verb, who, request.session, request.sequence, age_s, reason, lease_s or self.settings.lease_s)
@@ -152,7 +156,7 @@ class Gate:
             if refusal is None and generation != self._generation and asked.verb != "stop":
                 refusal = Refusal("changed", f"meanwhile the gate has changed: {self._ended or self._mode}")
             try:
-                self._record(asked, refusal)
+                self._record(asked, refusal, now_s)
             except OSError as error:
                 if asked.verb not in ("stop", "disarm"):  # what makes safe happens, recorded or not
                     refusal = Refusal(
@@ -217,7 +221,7 @@ class Gate:
         if motion is not None and velocity.any():
             now = self._start()
             then = np.where(shaper.given, shaper.stopping(position, velocity), now)
-            found = self._ahead.first_collision(self._measured, now, then)
+            found = self._ahead.first_collision(self._heard[0], now, then)
             if found is not None:
                 self._end(Trip("collision", str(found)), now_s)
                 position, velocity = shaper.toward(rest, dt_s)
@@ -309,10 +313,10 @@ class Gate:
         return np.where(self._shaper.given, self._shaper.position, self.limits.clip(told))
 
     def _by_command(self) -> np.ndarray:
-        return np.add.reduceat(self._measured[self._parts], self._firsts)
+        return np.add.reduceat(self._heard[0][self._parts], self._firsts)
 
     def _ages_s(self, now_s: float) -> np.ndarray:
-        return now_s - np.minimum.reduceat(self._arrival_s[self._parts], self._firsts)
+        return now_s - np.minimum.reduceat(self._heard[1][self._parts], self._firsts)
 
     def _seen_turn(self, now_s: float, since_s: float) -> Turn:
         silent_s = now_s - self._beat_s if self._motion is not None else 0.0
@@ -328,12 +332,14 @@ class Gate:
             effort=self._effort,
         )
 
-    def _record(self, asked: Asked, refusal: Refusal | None) -> None:
+    def _record(self, asked: Asked, refusal: Refusal | None, now_s: float) -> None:
         if asked.verb == "beat" and refusal is None:
             return
         motion = asked.motion
-        if asked.verb == "target" and refusal is None and self._motion is not None and self._motion.kind == "target":
-            return  # a stream is recorded when it begins
+        if asked.verb == "target" and refusal is None:
+            streamed_s, self._streamed_s = self._streamed_s, now_s
+            if now_s - streamed_s < _STREAM_S:
+                return  # a stream is recorded when it begins
         self.witness(
             {
                 "verb": asked.verb,
