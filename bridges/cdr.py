@@ -30,6 +30,7 @@ _START = Struct("<4siI")  # encapsulation, seconds, nanoseconds
 _COUNT = Struct("<I")
 _FLOAT = np.dtype("<f8")
 _PADDING = bytes(4)
+_NOTHING = np.zeros(0)
 
 
 class _Layout(NamedTuple):
@@ -93,7 +94,10 @@ def _decode_known(payload: bytes, layout: _Layout) -> JointSample | None:
             return None
         count = _COUNT.unpack_from(payload, at)[0]
         at += 4
-        if count and at % 8 == 0:
+        if not count:
+            arrays.append(_NOTHING)
+            continue
+        if at % 8 == 0:
             at += 4
         if at + 8 * count > len(payload):
             return None
@@ -142,4 +146,3 @@ def _head(names: tuple[str, ...], frame_id: str) -> bytes:
         effort=nothing,
     )
     return bytes(_STORE.serialize_cdr(message, JOINT_STATE, little_endian=True))[_START.size : -3 * _COUNT.size]
-

@@ -96,8 +96,7 @@ def read(payload: bytes) -> tuple[object, ...] | None:
     try:
         sample = cdr.decode(payload)
     except MalformedPayload as error:
-        assert error.kind == "malformed"
-        return None
+        return None if error.kind == "malformed" else (error.kind,)
     arrays = (sample.position, sample.velocity, sample.effort)
     return sample.stamp_ns, sample.names, *(values.tobytes() for values in arrays)
 

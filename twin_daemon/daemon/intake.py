@@ -73,7 +73,7 @@ class Intake:
         position = np.asarray(sample.position, float)[layout.columns]
         usable = (position >= layout.lower) & (position <= layout.upper)
         index = layout.index
-        if not usable.all():
+        if np.count_nonzero(usable) < len(usable):
             finite = np.isfinite(position)
             if not finite.all():
                 self.counts["not_finite"] += 1

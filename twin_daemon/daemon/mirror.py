@@ -31,12 +31,9 @@ class Mirror:
 
     def update(self, accepted: Accepted, now_s: float) -> None:
         """Takes over what one message says. `now_s` is the monotonic time of its arrival."""
-        last_ns, self._whole_ns = self._whole_ns, None
-        if len(accepted.index) < len(self.joints):
-            self._update_some(accepted, now_s)
-            return
-        self._whole_ns = accepted.stamp_ns
-        elapsed_s = 0.0 if last_ns is None else (accepted.stamp_ns - last_ns) * 1e-9
+        whole = len(accepted.index) == len(self.joints)
+        last_ns, self._whole_ns = self._whole_ns, accepted.stamp_ns if whole else None
+        elapsed_s = (accepted.stamp_ns - last_ns) * 1e-9 if whole and last_ns is not None else 0.0
         if not 0.0 < elapsed_s < _LONGEST_DIFFERENCE_S:
             self._update_some(accepted, now_s)
             return
