@@ -17,6 +17,7 @@ from twin_daemon.daemon.messages import JointSample, MalformedPayload
 JOINT_STATE = "sensor_msgs/msg/JointState"
 MAX_BYTES = 256 * 1024
 _STORE = get_typestore(Stores.ROS2_JAZZY)
+_STORE.get_msgdef(JOINT_STATE)  # writes and compiles the code for it, which the first message need not wait for
 _JointState = _STORE.types[JOINT_STATE]
 _Header = _STORE.types["std_msgs/msg/Header"]
 _Time = _STORE.types["builtin_interfaces/msg/Time"]

@@ -130,7 +130,7 @@ class Intake:
                 found.append((self._joints.index(joint), column))
         index = np.array([joint for joint, _ in sorted(found)], dtype=int)
         columns = np.array([column for _, column in sorted(found)], dtype=int)
-        ambiguous = len(np.unique(index)) < len(index)
+        ambiguous = len(set(index.tolist())) < len(index)
         layout = _Layout(columns, index, self._lower[index], self._upper[index], tuple(unknown), ambiguous)
         if len(self._layouts) >= _MAX_LAYOUTS:
             self._layouts.clear()  # a sender that invents names must not fill the memory
