@@ -18,7 +18,7 @@ from bridges.inbox import Inbox
 from bridges.ring import Ring
 from bridges.ros_keys import RosKeys
 from bridges.stop import Stoppable
-from twin_daemon.daemon.messages import MalformedPayload
+from twin_daemon.daemon.messages import JointSample, MalformedPayload
 from twin_daemon.daemon.service import TwinService
 
 log = logging.getLogger(__name__)
@@ -154,19 +154,19 @@ class ZenohBridge:
         if stream == "joint_commands":
             self.service.on_command(sample)
             return
-        output = self.service.on_joint_state(sample)
-        if output is None:
-            return
-        predicted = cdr.encode(output.prediction)
+        output = self.service.on_joint_state(sample, lambda prediction: self._send(prediction, arrival_s))
+        if output is not None and output.residual_due:
+            residual = self._put("residual", self.service.residual_now())
+            self._ring.add("residual", output.prediction.stamp_ns, residual.encode(), time.monotonic())
+
+    def _send(self, prediction: JointSample, arrival_s: float) -> None:
+        predicted = cdr.encode(prediction)
         self._publishers["twin_joint_states"].put(predicted)
         if self._ros is not None:
             self._publishers["ros"].put(predicted, attachment=self._ros.attachment())
         sent_s = time.monotonic()
         self._latency_s.append(sent_s - arrival_s)
-        self._ring.add("twin_joint_states", output.prediction.stamp_ns, predicted, sent_s)
-        if output.residual_due:
-            residual = self._put("residual", self.service.residual_now())
-            self._ring.add("residual", output.prediction.stamp_ns, residual.encode(), time.monotonic())
+        self._ring.add("twin_joint_states", prediction.stamp_ns, predicted, sent_s)
 
     def _publish_events(self) -> None:
         for event in self.service.take_events():

@@ -137,6 +137,36 @@ def test_a_residual_is_measured_minus_predicted(make_service: Make, clock: Any, 
     assert report["prediction"]["anchor_reason"] == "start"
 
 
+def test_a_prediction_goes_out_before_it_is_compared(make_service: Make, clock: Any, joint_state: Make) -> None:
+    service = make_service(horizon_s=100.0)
+    feed(service, clock, joint_state, 0.4)
+
+    def samples() -> int:
+        return service.residual()["joints"]["rh_FFJ3"]["samples"]
+
+    before = samples()
+    sent: list[tuple[JointSample, int]] = []
+    output = service.on_joint_state(joint_state(0.4), lambda prediction: sent.append((prediction, samples())))
+    assert [seen for _, seen in sent] == [before]
+    assert output.prediction is sent[0][0]
+    assert samples() == before + 1
+
+
+def test_a_prediction_that_cannot_be_sent_is_compared_all_the_same(
+    make_service: Make, clock: Any, joint_state: Make
+) -> None:
+    service = make_service(horizon_s=100.0)
+    feed(service, clock, joint_state, 0.4)
+
+    def fail(_: JointSample) -> None:
+        raise OSError("the network is down")
+
+    before = service.residual()["joints"]["rh_FFJ3"]["samples"]
+    with pytest.raises(OSError, match="down"):
+        service.on_joint_state(joint_state(0.4), fail)
+    assert service.residual()["joints"]["rh_FFJ3"]["samples"] == before + 1
+
+
 def test_commands_of_another_clock_hold_from_now_and_are_counted(
     make_service: Make, clock: Any, joint_state: Make
 ) -> None:

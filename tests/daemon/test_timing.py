@@ -55,6 +55,16 @@ def test_a_burst_after_a_stall_is_late_and_nothing_is_missing() -> None:
     assert answer["clock_jumps"] == 0
 
 
+def test_late_is_measured_from_the_fastest_message_lately() -> None:
+    delay = np.full(700, 100_000_000)
+    delay[40] = 0
+    delay[300] = -1_000_000
+    counts = [int(fed(np.arange(n) * PERIOD, delay[:n]).counts["late"]) for n in (40, 290, 700)]
+    assert counts == [0, 290 - 41, 700 - 42]
+    delay[300] = 100_000_000
+    assert fed(np.arange(700) * PERIOD, delay).counts["late"] == 512, "the fast one is forgotten"
+
+
 def test_a_clock_that_is_set_ahead_is_not_a_loss() -> None:
     stamps = np.arange(400) * PERIOD
     jumped = stamps + np.where(np.arange(400) >= 200, 5_000_000_000, 0)

@@ -55,7 +55,6 @@ class Drift:
     def clear(self) -> None:
         """Begins anew, as for another version of the model."""
         shape = (len(_PACES_RAD_S) + 1, len(self._joints))
-        self._columns = np.arange(len(self._joints))
         self._seconds, self._squares = np.zeros(shape), np.zeros(shape)
         self._begun_ns = np.zeros(shape, dtype=np.int64)
         self._learnt = np.zeros(shape, dtype=int)
@@ -74,13 +73,17 @@ class Drift:
         if last is None or stamp_ns <= last:
             return []
         elapsed_s = min((stamp_ns - last) * 1e-9, _LONGEST_S)
-        known = np.flatnonzero(np.isfinite(residual_rad))
-        pace = np.searchsorted(_PACES_RAD_S, np.abs(speed_rad_s[known]))
-        fresh = self._seconds[pace, known] == 0.0
-        self._begun_ns[pace[fresh], known[fresh]] = stamp_ns
-        self._seconds[pace, known] += elapsed_s
-        self._squares[pace, known] += elapsed_s * residual_rad[known] ** 2
-        full = self._seconds[pace, known] >= BLOCK_S
+        known = np.isfinite(residual_rad).nonzero()[0]
+        error_rad = residual_rad[known]
+        pace = _PACES_RAD_S.searchsorted(np.abs(speed_rad_s[known]))
+        cell = pace * len(self._joints) + known  # of the flat tables: at every sample, two indices cost twice as much
+        before_s = self._seconds.take(cell)
+        if not before_s.all():
+            self._begun_ns.put(cell[before_s == 0.0], stamp_ns)
+        seconds = before_s + elapsed_s
+        self._seconds.put(cell, seconds)
+        self._squares.put(cell, self._squares.take(cell) + elapsed_s * error_rad**2)
+        full = seconds >= BLOCK_S
         return self._judge(pace[full], known[full]) if full.any() else []
 
     def _judge(self, pace: np.ndarray, joint: np.ndarray) -> list[Alarm]:

@@ -15,11 +15,12 @@ from twin_daemon.hand.naming import match
 MAX_NAMES = 256
 _KEPT_NAMES = 32
 _MAX_LAYOUTS = 64
+_LARGEST = np.finfo(float).max
 
 
 @dataclass(frozen=True)
 class Accepted:
-    """The usable part of a joint state: `index` (k,) into the twin's joints, `position` (k,) rad."""
+    """The usable part of a joint state: `index` (k,) into the twin's joints, ascending, `position` (k,) rad."""
 
     stamp_ns: int
     index: np.ndarray
@@ -33,6 +34,8 @@ class _Layout:
 
     columns: np.ndarray
     index: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
     unknown: tuple[str, ...]
     ambiguous: bool
 
@@ -46,8 +49,9 @@ class Intake:
 
     def __init__(self, joints: Sequence[str], lower: np.ndarray, upper: np.ndarray, margin_rad: float = 1.0) -> None:
         self._joints = tuple(joints)
-        self._lower = np.asarray(lower, float) - margin_rad
-        self._upper = np.asarray(upper, float) + margin_rad
+        # finite where the joint has no limit, so that what is not finite is never inside
+        self._lower = np.maximum(np.asarray(lower, float) - margin_rad, -_LARGEST)
+        self._upper = np.minimum(np.asarray(upper, float) + margin_rad, _LARGEST)
         self._layouts: dict[tuple[str, ...], _Layout] = {}
         self._order = StampOrder()
         self.received = 0
@@ -67,16 +71,17 @@ class Intake:
         if layout is None:
             return None
         position = np.asarray(sample.position, float)[layout.columns]
-        finite = np.isfinite(position)
-        with np.errstate(invalid="ignore"):
-            inside = (position >= self._lower[layout.index]) & (position <= self._upper[layout.index])
-        if not finite.all():
-            self.counts["not_finite"] += 1
-        if (finite & ~inside).any():
-            self.counts["out_of_range"] += 1
-        usable = finite & inside
-        if not usable.any():
-            return None
+        usable = (position >= layout.lower) & (position <= layout.upper)
+        index = layout.index
+        if np.count_nonzero(usable) < len(usable):
+            finite = np.isfinite(position)
+            if not finite.all():
+                self.counts["not_finite"] += 1
+            if (finite & ~usable).any():
+                self.counts["out_of_range"] += 1
+            if not usable.any():
+                return None
+            index, position = index[usable], position[usable]
         stamp_ns = sample.stamp_ns
         if stamp_ns == 0:
             self.counts["no_stamp"] += 1
@@ -88,15 +93,15 @@ class Intake:
         if verdict == "restarted":
             self.counts["stamps_restarted"] += 1
         self.accepted += 1
-        return Accepted(stamp_ns, layout.index[usable], position[usable], restarted=verdict == "restarted")
+        return Accepted(stamp_ns, index, position, restarted=verdict == "restarted")
 
     def _check_shape(self, sample: JointSample) -> _Layout | None:
-        if not sample.names or len(sample.names) > MAX_NAMES or sample.stamp_ns < 0:
+        count = len(sample.names)
+        if not 0 < count <= MAX_NAMES or sample.stamp_ns < 0:
             self.counts["empty" if not sample.names else "malformed"] += 1
             return None
-        if len(sample.position) != len(sample.names) or any(
-            len(extra) not in (0, len(sample.names)) for extra in (sample.velocity, sample.effort)
-        ):
+        extras = len(sample.velocity), len(sample.effort)
+        if len(sample.position) != count or not {*extras} <= {0, count}:
             self.counts["length_mismatch"] += 1
             return None
         layout = self._layout(sample.names)
@@ -116,17 +121,17 @@ class Intake:
         known = self._layouts.get(names)
         if known is not None:
             return known
-        columns, index, unknown = [], [], []
+        found, unknown = [], []
         for column, name in enumerate(names):
             joint = match(name, self._joints)
             if joint is None:
                 unknown.append(name)
             else:
-                columns.append(column)
-                index.append(self._joints.index(joint))
-        layout = _Layout(
-            np.array(columns, dtype=int), np.array(index, dtype=int), tuple(unknown), len(set(index)) < len(index)
-        )
+                found.append((self._joints.index(joint), column))
+        index = np.array([joint for joint, _ in sorted(found)], dtype=int)
+        columns = np.array([column for _, column in sorted(found)], dtype=int)
+        ambiguous = len(set(index.tolist())) < len(index)
+        layout = _Layout(columns, index, self._lower[index], self._upper[index], tuple(unknown), ambiguous)
         if len(self._layouts) >= _MAX_LAYOUTS:
             self._layouts.clear()  # a sender that invents names must not fill the memory
         self._layouts[names] = layout

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -45,4 +46,4 @@ class Output:
 def number(value: float) -> float | None:
     """A float for JSON: undefined and infinite become null."""
     value = float(value)
-    return value if np.isfinite(value) else None
+    return value if math.isfinite(value) else None

@@ -53,6 +53,9 @@ class Predictor:
         self._step_ns = max(1, round(twin.model.opt.timestep * 1e9))
         self._max_steps = max(1, int(max_catch_up_s * 1e9) // self._step_ns)
         self._data = mujoco.MjData(twin.model)
+        self._qpos, self._qvel = self._data.qpos, self._data.qvel
+        self._warnings = [self._data.warning[kind] for kind in _WARNINGS]
+        self._gain, self._offset_rad = twin.measurement.factors(twin.joints)
         self._now_ns = 0
         self._commanded = np.zeros(twin.model.nu, dtype=bool)
         self._control = np.zeros(twin.model.nu)
@@ -147,13 +150,13 @@ class Predictor:
             mujoco.mj_step(model, data, nstep=count)
             self._now_ns += count * self._step_ns
             self.steps += count
-        return not any(data.warning[kind].number for kind in _WARNINGS)
+        return not any(warning.number for warning in self._warnings)
 
     def _read(self, stamp_ns: int) -> Prediction:
         ahead_s = (stamp_ns - self._now_ns) * 1e-9
-        velocity = self._data.qvel[self.twin.dof_adr]
-        angle = self._data.qpos[self.twin.qpos_adr] + ahead_s * velocity
-        return Prediction(stamp_ns, self.twin.measurement.apply(self.twin.joints, angle), velocity)
+        velocity = self._qvel[self.twin.dof_adr]
+        angle = self._qpos[self.twin.qpos_adr] + ahead_s * velocity
+        return Prediction(stamp_ns, angle * self._gain + self._offset_rad, velocity)
 
     # -- anchors -------------------------------------------------------------------------------------------
 
@@ -175,9 +178,9 @@ class Predictor:
         """Joints go to the measured angles; filters and delay lines keep what they hold."""
         angle = self.twin.measurement.invert(self.twin.joints, np.asarray(position, float))
         known = np.isfinite(angle)
-        self._data.qpos[self.twin.qpos_adr[known]] = angle[known]
-        self._data.qvel[self.twin.dof_adr] = np.where(known & np.isfinite(velocity), velocity, 0.0)
-        pose = np.where(known, angle, self._data.qpos[self.twin.qpos_adr])
+        self._qpos[self.twin.qpos_adr[known]] = angle[known]
+        self._qvel[self.twin.dof_adr] = np.where(known & np.isfinite(velocity), velocity, 0.0)
+        pose = np.where(known, angle, self._qpos[self.twin.qpos_adr])
         hold = self._held & ~self._commanded
         self._control[hold] = (self._hold_map @ pose)[hold]
         self._data.ctrl[:] = self._control

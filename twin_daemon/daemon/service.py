@@ -21,7 +21,7 @@ from twin_daemon.daemon.intake import MAX_NAMES, Intake
 from twin_daemon.daemon.messages import JointSample, Output, number
 from twin_daemon.daemon.mirror import Mirror
 from twin_daemon.daemon.posture import Posture
-from twin_daemon.daemon.predictor import Predictor, as_sample
+from twin_daemon.daemon.predictor import Prediction, Predictor, as_sample
 from twin_daemon.daemon.residual import Residual
 from twin_daemon.daemon.settings import DaemonSettings
 from twin_daemon.daemon.timing import Timing
@@ -78,8 +78,11 @@ class TwinService:
 
     # -- in ------------------------------------------------------------------------------------------------
 
-    def on_joint_state(self, sample: JointSample) -> Output | None:
-        """One decoded joint state: checked, mirrored, predicted, compared. None if nothing of it was usable."""
+    def on_joint_state(self, sample: JointSample, send: Callable[[JointSample], None] | None = None) -> Output | None:
+        """One decoded joint state: checked, mirrored, predicted, compared. None if nothing of it was usable.
+
+        `send` gets the prediction before it is compared, so that nobody waits for statistics.
+        """
         with self._lock:
             arrival_ns = self.wall_ns()
             accepted = self.intake.accept(sample, arrival_ns)
@@ -91,31 +94,37 @@ class TwinService:
                 self.timing.forget()
                 self.predictor.restart()
                 self.tell("stamps_restarted", "the stamps of the hand start again at an earlier time")
-            if self.timing.add(accepted.stamp_ns, arrival_ns) == "clock_jump":
-                self.tell("clock_jump", "the hand's clock was set: its stamps jump while its messages come in step")
             now_s = self.monotonic_s()
             self.mirror.update(accepted, now_s)
             if self.gate is not None:
                 self.gate.measured(self.mirror.position, self.mirror.arrival_s, self._efforts(sample))
-            return self._predict(accepted.stamp_ns, accepted.index, now_s)
+            following = self.predictor.state == "following"
+            prediction = self.predictor.advance(accepted.stamp_ns, self.mirror.position, self.mirror.velocity)
+            self.predicted, self.stamp_ns = prediction.position, accepted.stamp_ns
+            predicted = as_sample(prediction, self.joints)
+            try:
+                if send is not None:
+                    send(predicted)
+            finally:
+                if self.timing.add(accepted.stamp_ns, arrival_ns) == "clock_jump":
+                    self.tell("clock_jump", "the hand's clock was set: its stamps jump while its messages come in step")
+                self._compare(prediction, accepted.index, following)
+            due = now_s - self._last_residual_s >= 1.0 / self.settings.residual_rate_hz
+            if due:
+                self._last_residual_s = now_s
+            return Output(predicted, due)
 
-    def _predict(self, stamp_ns: int, index: np.ndarray, now_s: float) -> Output:
-        following = self.predictor.state == "following"
-        prediction = self.predictor.advance(stamp_ns, self.mirror.position, self.mirror.velocity)
-        self.predicted, self.stamp_ns = prediction.position, stamp_ns
+    def _compare(self, prediction: Prediction, index: np.ndarray, following: bool) -> None:
+        """What one prediction says about the model, where `index` (k,) of the joints were measured."""
         if prediction.anchored:
             self.tell("anchored", f"the model was set to the measurement ({prediction.anchored})")
-        else:
-            residual = np.full(len(self.joints), np.nan)
-            residual[index] = self.mirror.position[index] - prediction.position[index]
-            self.residuals.add(stamp_ns, residual)
-            if following:
-                for alarm in self.drifts.add(stamp_ns, residual, prediction.velocity):
-                    self._tell_drift(alarm)
-        due = now_s - self._last_residual_s >= 1.0 / self.settings.residual_rate_hz
-        if due:
-            self._last_residual_s = now_s
-        return Output(as_sample(prediction, self.joints), due)
+            return
+        residual = np.full(len(self.joints), np.nan)
+        residual[index] = self.mirror.position[index] - prediction.position[index]
+        self.residuals.add(prediction.stamp_ns, residual)
+        if following:
+            for alarm in self.drifts.add(prediction.stamp_ns, residual, prediction.velocity):
+                self._tell_drift(alarm)
 
     def _efforts(self, sample: JointSample) -> dict[str, float] | None:
         """The efforts that the gate has limits for, by joint."""

@@ -30,6 +30,7 @@ class Timing:
         """The stream starts again; what was counted stays."""
         self._intervals: deque[int] = deque(maxlen=_KEPT)
         self._offsets: deque[int] = deque(maxlen=_KEPT)
+        self._least_offset = 0
         self._last: tuple[int, int] | None = None
         self._period_ns: float | None = None
         self._until_relearnt = _LEARNT
@@ -40,22 +41,31 @@ class Timing:
         last, self._last = self._last, (stamp_ns, arrival_ns)
         offset = arrival_ns - stamp_ns
         if last is None:
-            self._offsets.append(offset)
+            self._keep(offset)
             return None
         interval, waited = stamp_ns - last[0], arrival_ns - last[1]
         if abs(interval - waited) > _JUMP_NS and self._came_in_step(interval, waited):
             self.counts["clock_jumps"] += 1
             self._offsets.clear()
-            self._offsets.append(offset)
+            self._keep(offset)
             return "clock_jump"
         self._count(interval, offset)
         self._intervals.append(interval)
-        self._offsets.append(offset)
+        self._keep(offset)
         self._until_relearnt -= 1
         if self._until_relearnt <= 0:
             self._period_ns = statistics.median(self._intervals)
             self._until_relearnt = _RELEARNT
         return None
+
+    def _keep(self, offset: int) -> None:
+        offsets = self._offsets
+        leaving = offsets[0] if len(offsets) == _KEPT else None
+        offsets.append(offset)
+        if leaving == self._least_offset or len(offsets) == 1:
+            self._least_offset = min(offsets)
+        elif offset < self._least_offset:
+            self._least_offset = offset
 
     def _came_in_step(self, interval: int, waited: int) -> bool:
         """Whether the message came when it was due, whatever its stamp says; a burst after a stall did not."""
@@ -76,7 +86,7 @@ class Timing:
             self.counts["gaps"] += len(self._longer)
             self.counts["missing"] += sum(round(longer / self._period_ns) - 1 for longer in self._longer)
             self._longer.clear()
-        if offset - min(self._offsets) > max(_LATE_PERIODS * self._period_ns, _LATEST_NS):
+        if offset - self._least_offset > max(_LATE_PERIODS * self._period_ns, _LATEST_NS):
             self.counts["late"] += 1
 
     def as_json(self) -> dict[str, Any]:

@@ -46,16 +46,19 @@ class Measurement:
     gain: dict[str, float] = field(default_factory=dict)
     offset_rad: dict[str, float] = field(default_factory=dict)
 
+    def factors(self, joints: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+        """Gain (j,) and offset (j,) in rad of some joints."""
+        gain = np.array([self.gain.get(name, 1.0) for name in joints])
+        return gain, np.array([self.offset_rad.get(name, 0.0) for name in joints])
+
     def apply(self, joints: tuple[str, ...], position: np.ndarray) -> np.ndarray:
         """True angles (..., j) -> readings (..., j), in rad."""
-        gain = np.array([self.gain.get(name, 1.0) for name in joints])
-        offset = np.array([self.offset_rad.get(name, 0.0) for name in joints])
+        gain, offset = self.factors(joints)
         return position * gain + offset
 
     def invert(self, joints: tuple[str, ...], reading: np.ndarray) -> np.ndarray:
         """Readings (..., j) -> true angles (..., j), in rad."""
-        gain = np.array([self.gain.get(name, 1.0) for name in joints])
-        offset = np.array([self.offset_rad.get(name, 0.0) for name in joints])
+        gain, offset = self.factors(joints)
         return (reading - offset) / gain
 
 
