@@ -23,7 +23,7 @@ from twin_daemon.report.chart import Chart, chart
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
 
-_MOST_POINTS = 36_000
+_MOST_POINTS = 30_000
 """Of all overlays together: a megabyte, however long the recordings are."""
 _FEWEST_BUCKETS = 60
 _CURVES = 3  # whose extremes an overlay keeps: measured, twin, residual
