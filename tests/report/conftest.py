@@ -139,3 +139,9 @@ def report(folder: Path, *argv: str) -> tuple[Page, dict[str, Any]]:
     path, result = folder / "report.html", folder / "report.json"
     assert main(["report", *argv, "-o", str(path), "--json", str(result)]) == 0
     return Page(path.read_text(encoding="utf-8")), json.loads(result.read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="session")
+def plain_report(bag: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Page, dict[str, Any]]:
+    """The page of the recording alone, with the nominal model."""
+    return report(tmp_path_factory.mktemp("report"), "--recording", str(bag))

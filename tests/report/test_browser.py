@@ -6,10 +6,13 @@ import re
 import shutil
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from tests.report.conftest import report
+from tests.report.conftest import Page
+
+Made = tuple[Page, dict[str, Any]]
 
 _FLAGS = (
     "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run",
@@ -33,9 +36,9 @@ def opened(chromium: str, page: Path, folder: Path) -> tuple[str, list[str]]:
     return done.stdout, [line for line in done.stderr.splitlines() if ":CONSOLE" in line]
 
 
-def test_every_chart_is_drawn_and_the_console_is_silent(chromium: str, bag: Path, tmp_path: Path) -> None:
-    page, _ = report(tmp_path, "--recording", str(bag))
-    drawn, said = opened(chromium, tmp_path / "report.html", tmp_path)
+def test_every_chart_is_drawn_and_the_console_is_silent(chromium: str, plain_report: Made, tmp_path: Path) -> None:
+    page, result = plain_report
+    drawn, said = opened(chromium, Path(result["path"]), tmp_path)
     assert said == []
     assert 'data-drawn="all"' in drawn
     plots = re.findall(r'<div class="plot js-plotly-plot"', drawn)
@@ -43,8 +46,8 @@ def test_every_chart_is_drawn_and_the_console_is_silent(chromium: str, bag: Path
     assert "rh_FFJ3" in drawn
 
 
-def test_a_script_that_got_in_all_the_same_would_not_run(chromium: str, bag: Path, tmp_path: Path) -> None:
-    page, _ = report(tmp_path, "--recording", str(bag))
+def test_a_script_that_got_in_all_the_same_would_not_run(chromium: str, plain_report: Made, tmp_path: Path) -> None:
+    page, _ = plain_report
     slipped = '<p id="proof">whole</p><script>document.getElementById("proof").textContent = "broken"</script>'
     (tmp_path / "slipped.html").write_text(page.html.replace("<main>", f"<main>{slipped}"), encoding="utf-8")
     drawn, said = opened(chromium, tmp_path / "slipped.html", tmp_path)

@@ -67,8 +67,8 @@ def test_everything_is_on_one_page(
         assert said in page.words, said
 
 
-def test_the_numbers_are_those_of_compare(bag: Path, tmp_path: Path) -> None:
-    page, result = report(tmp_path, "--recording", str(bag))
+def test_the_numbers_are_those_of_compare(bag: Path, plain_report: tuple[Page, dict[str, Any]], tmp_path: Path) -> None:
+    page, result = plain_report
     assert main(["compare", "--recording", str(bag), "--json", str(tmp_path / "compare.json")]) == 0
     compared = json.loads((tmp_path / "compare.json").read_text())
     assert result["mse_rad2"] == compared["mse_rad2"]
@@ -83,8 +83,10 @@ def test_the_numbers_are_those_of_compare(bag: Path, tmp_path: Path) -> None:
     assert overlays[0] == max(compared["joints"], key=lambda name: compared["joints"][name]["mse_rad2"])
 
 
-def test_the_commands_on_the_page_make_it_again(bag: Path, tmp_path: Path) -> None:
-    page, first = report(tmp_path, "--recording", str(bag))
+def test_the_commands_on_the_page_make_it_again(
+    bag: Path, plain_report: tuple[Page, dict[str, Any]], tmp_path: Path
+) -> None:
+    page, first = plain_report
     line = next(line for line in page.words.splitlines() if line.startswith("twin report"))
     assert main([*shlex.split(line)[1:], "--json", str(tmp_path / "again.json")]) == 0
     again = json.loads((tmp_path / "again.json").read_text())
