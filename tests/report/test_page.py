@@ -16,6 +16,9 @@ import pytest
 from tests.report.conftest import Page, report, written
 from tests.simulation.made import recorded, saved
 from twin_daemon.cli.app import main
+from twin_daemon.diagnosis.verdict import VerdictName
+from twin_daemon.report.finished import FindingRead
+from twin_daemon.report.words import how_sure
 from twin_daemon.simulation.twin import TwinModel
 from twin_daemon.versions import Draft, ParameterRecord, VersionStore
 
@@ -179,6 +182,23 @@ def test_a_diagnosis_can_be_made_at_once(twin: TwinModel, tmp_path: Path) -> Non
     assert "shorter than 3 s" in page.words
     assert "twin diagnose --version nominal" in page.words
     assert "diagnosis 5" in page.words
+
+
+@pytest.mark.parametrize(
+    ("verdict", "rivals", "gain", "said"),
+    [
+        ("explained", [], [0.9, 0.99], "Sure, as far as these data go"),
+        ("explained", [], [-0.1, 0.4], "Weak: held-out motion or evidence"),
+        ("ambiguous", ["backlash:rh_FFJ3"], [0.9, 0.99], "Not sure which: these data do not tell it from backlash"),
+        ("unexplained", [], [0.9, 0.99], "do not take it for the whole cause"),
+    ],
+)
+def test_how_sure_a_finding_is_hangs_on_what_it_rests_on(
+    verdict: VerdictName, rivals: list[str], gain: list[float], said: str, diagnosis: dict[str, Any]
+) -> None:
+    (finding,) = diagnosis["findings"]
+    read = FindingRead.model_validate({**finding, "confusable_with": rivals, "holdout_gain_ci95": gain})
+    assert said in how_sure(read, verdict).partition(".")[0]
 
 
 def test_what_was_made_for_another_model_is_said(bag: Path, diagnosis: dict[str, Any], tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from twin_daemon.diagnosis.diagnose import DECISIVE_NATS
+from twin_daemon.diagnosis.verdict import VerdictName
 from twin_daemon.report.finished import DiagnosisRead, FindingRead
 
 UNKNOWN = "unknown"
@@ -47,8 +48,8 @@ def bounds(lower: float | None, upper: float | None) -> str:
     return UNKNOWN if lower is None and upper is None else f"{number(lower)} to {number(upper)}"
 
 
-def how_sure(finding: FindingRead) -> str:
-    """The certainty of one finding and what it rests on."""
+def how_sure(finding: FindingRead, verdict: VerdictName) -> str:
+    """The certainty of one finding under the verdict on all of them, and what it rests on."""
     low, high = finding.holdout_gain_ci95
     said = (
         f"On motion that it was not fitted to, the error falls by {percent(finding.holdout_gain)} "
@@ -57,6 +58,8 @@ def how_sure(finding: FindingRead) -> str:
     )
     if finding.confusable_with:
         return f"Not sure which: these data do not tell it from {', '.join(finding.confusable_with)}. {said}"
+    if verdict == "unexplained":
+        return f"It helps, but do not take it for the whole cause: something is left that it does not explain. {said}"
     if low is not None and low > 0 and finding.evidence is not None and finding.evidence > DECISIVE_NATS:
         return f"Sure, as far as these data go: no other candidate explains them as well. {said}"
     return f"Weak: held-out motion or evidence does not stand clear of chance. {said}"
