@@ -38,6 +38,15 @@ def test_the_onset_of_a_trajectory_is_recovered(late_s: float, twin: TwinModel, 
     assert model_onset(twin, aligned) == pytest.approx(late_s + 0.004, abs=0.003)
 
 
+def test_a_recorded_command_that_repeats_is_not_moved_by_a_whole_period(
+    twin: TwinModel, rng: np.random.Generator
+) -> None:
+    times = np.arange(0.0, 12.0, 0.02)
+    motion = {"rh_FFJ3": (list(times), list(0.5 + 0.3 * np.sin(2 * np.pi * times / 1.5)))}
+    aligned = align(twin, recorded(twin, motion, rng, seconds=12.0))
+    assert 0.0 < command_onset(twin, aligned) < 0.2
+
+
 def test_the_joints_that_move_are_known(twin: TwinModel, rng: np.random.Generator) -> None:
     aligned = align(twin, recorded(twin, FINGER, rng))
     assert {n for n, moves in zip(aligned.joints, aligned.moving, strict=True) if moves} == {

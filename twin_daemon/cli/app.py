@@ -43,6 +43,7 @@ COMMANDS: dict[str, Entry] = {
     "add": Entry("add", "Put an effect into the twin, fitted where there are recordings.", OFFLINE),
     "remove": Entry("remove", "Take an effect out of the twin again.", OFFLINE),
     "ladder": Entry("ladder", "Diagnose, add, refit, again: watch the error fall.", OFFLINE),
+    "report": Entry("report", "One page with the comparison, the diagnosis, the ladder and the parameters.", OFFLINE),
     "effects": Entry("effects", "The library of physical effects; KEY explains one.", OFFLINE),
     "doctor": Entry("doctor", "What is missing on this machine.", STATE),
     "versions": Entry("versions", "List, compare, promote, roll back, export and verify what was learned.", STATE),

@@ -12,6 +12,7 @@ from twin_daemon.cli import options
 from twin_daemon.cli.console import emit_json, people, plain_text, progress_console
 from twin_daemon.cli.session import Session, open_session, require_folder
 from twin_daemon.cli.tables import slim_table
+from twin_daemon.diagnosis.verdict import IN_WORDS
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -19,14 +20,6 @@ if TYPE_CHECKING:
     from twin_daemon.diagnosis.verdict import Diagnosis, Finding
     from twin_daemon.simulation.alignment import Aligned
     from twin_daemon.simulation.twin import TwinModel
-
-IN_WORDS = {
-    "explained": "Explained: the library has what the twin lacks.",
-    "ambiguous": "Ambiguous: more than one effect explains these data equally well.",
-    "not_excited": "Not excited: this motion cannot show what the twin lacks.",
-    "unexplained": "Unexplained: something is missing that no effect of the library accounts for.",
-    "within_noise": "Within noise: these data ask for no further effect.",
-}
 
 LEAST_S = 3.0
 """A recording that is shorter says nothing."""
@@ -56,9 +49,23 @@ def command(
     """
     require_folder(json)
     session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)
+    payload, found = judged(session, session.recordings(recording, trajectory), holdout, trajectory, joints, seed)
+    _show(people(json), payload, found)
+    emit_json(json, payload)
+
+
+def judged(
+    session: Session,
+    recorded: Sequence[Aligned],
+    holdout: Sequence[Path] | None,
+    trajectory: str | None,
+    joints: Sequence[str] | None,
+    seed: int,
+) -> tuple[dict[str, Any], Diagnosis]:
+    """(what the command writes, the same as values), with the next experiment where the data cannot decide."""
     chosen = joint_names(session.twin, joints)
     began = time.perf_counter()
-    train = session.recordings(recording, trajectory)
+    train = list(recorded)
     short = [r.recording.name for r in train if r.time_s[-1] < LEAST_S]
     notes: list[str] = []
     if short:
@@ -84,8 +91,7 @@ def command(
         "seed": seed,
         "wall_s": time.perf_counter() - began,
     }
-    _show(people(json), payload, found)
-    emit_json(json, payload)
+    return payload, found
 
 
 def joint_names(twin: TwinModel, given: Sequence[str] | None) -> list[str] | None:

@@ -12,9 +12,10 @@ from twin_daemon.cli import options
 from twin_daemon.cli.add import draft_of
 from twin_daemon.cli.calibrate import fitted_values
 from twin_daemon.cli.console import emit_json, people, plain_text
-from twin_daemon.cli.diagnose import IN_WORDS, streaming, train_and_held
+from twin_daemon.cli.diagnose import streaming, train_and_held
 from twin_daemon.cli.session import Session, open_session, require_folder
 from twin_daemon.cli.tables import slim_table
+from twin_daemon.diagnosis.verdict import IN_WORDS
 
 if TYPE_CHECKING:
     from twin_daemon.diagnosis.ladder import Ladder

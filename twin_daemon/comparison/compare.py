@@ -97,20 +97,24 @@ def _lag(time_s: np.ndarray, measured: np.ndarray, predicted: np.ndarray) -> flo
     return float(found.x)
 
 
-def raw_command_mse(twin: TwinModel, aligned: Aligned) -> dict[str, float]:
-    """Mean squared error (rad^2) by moving joint of predicting that every joint is where it was told to be.
+def raw_command(twin: TwinModel, aligned: Aligned) -> np.ndarray:
+    """(n, j) rad: every joint where it was told to be; NaN for the joints that no command drives.
 
     The command may lag by whatever suits it best, so that it is not blamed for a servo's delay. A tendon's
     command is split evenly over its joints, which is all that a command alone can say.
     """
-    onset = command_onset(twin, aligned)
-    commanded = aligned.controls(twin, aligned.time_s, onset)  # (n, nu)
+    commanded = aligned.controls(twin, aligned.time_s, command_onset(twin, aligned))  # (n, nu)
     split = np.linalg.pinv(twin.drive)  # (j, nu)
-    predicted = commanded @ split.T
+    return np.where(split.any(axis=1), commanded @ split.T, np.nan)
+
+
+def raw_command_mse(twin: TwinModel, aligned: Aligned) -> dict[str, float]:
+    """Mean squared error (rad^2) of the raw command by moving joint that a command drives."""
+    predicted = raw_command(twin, aligned)
     return {
         name: float(np.nanmean((aligned.measured[:, i] - predicted[:, i]) ** 2))
         for i, name in enumerate(aligned.joints)
-        if aligned.moving[i] and split[i].any()
+        if aligned.moving[i] and np.isfinite(predicted[:, i]).any()
     }
 
 

@@ -96,8 +96,6 @@ class TwinService:
                 self.tell("stamps_restarted", "the stamps of the hand start again at an earlier time")
             now_s = self.monotonic_s()
             self.mirror.update(accepted, now_s)
-            if self.gate is not None:
-                self.gate.measured(self.mirror.position, self.mirror.arrival_s, self._efforts(sample))
             following = self.predictor.state == "following"
             prediction = self.predictor.advance(accepted.stamp_ns, self.mirror.position, self.mirror.velocity)
             self.predicted, self.stamp_ns = prediction.position, accepted.stamp_ns
@@ -106,6 +104,8 @@ class TwinService:
                 if send is not None:
                     send(predicted)
             finally:
+                if self.gate is not None:
+                    self.gate.measured(self.mirror.position, self.mirror.arrival_s, self._efforts(sample))
                 if self.timing.add(accepted.stamp_ns, arrival_ns) == "clock_jump":
                     self.tell("clock_jump", "the hand's clock was set: its stamps jump while its messages come in step")
                 self._compare(prediction, accepted.index, following)

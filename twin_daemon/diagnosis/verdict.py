@@ -7,6 +7,14 @@ from typing import Any, Literal
 
 VerdictName = Literal["explained", "ambiguous", "not_excited", "unexplained", "within_noise"]
 
+IN_WORDS = {
+    "explained": "Explained: the library has what the twin lacks.",
+    "ambiguous": "Ambiguous: more than one effect explains these data equally well.",
+    "not_excited": "Not excited: this motion cannot show what the twin lacks.",
+    "unexplained": "Unexplained: something is missing that no effect of the library accounts for.",
+    "within_noise": "Within noise: these data ask for no further effect.",
+}
+
 
 @dataclass(frozen=True)
 class FittedValue:

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from twin_daemon.comparison.compare import Comparison
-from twin_daemon.figures.style import MEASURED, RESIDUAL, TWIN, styled
+from twin_daemon.figures.overlay import reduced
+from twin_daemon.figures.style import MEASURED, RESIDUAL, TWIN, label, styled
 
-_MOST_POINTS = 4000
+_BUCKETS = 1000
 
 
 def comparison_figure(comparison: Comparison, *, most: int = 12) -> go.Figure:
     """The joints that move, worst first: measured and twin in one row, their difference in the next."""
     moving = [(e.mse_rad2, name) for name, e in comparison.joints.items() if e.moves]
     names = [name for _, name in sorted(moving, reverse=True)[:most]]
-    titles = [t for name in names for t in (f"{name}: rmse {comparison.joints[name].rmse_rad:.2e} rad", "")]
+    titles = [t for name in names for t in (f"{label(name)}: rmse {comparison.joints[name].rmse_rad:.2e} rad", "")]
     figure = make_subplots(
         rows=max(2 * len(names), 1),
         cols=1,
@@ -25,24 +25,20 @@ def comparison_figure(comparison: Comparison, *, most: int = 12) -> go.Figure:
         vertical_spacing=0.15 / max(2 * len(names), 1),
         subplot_titles=titles or [""],
     )
-    aligned = comparison.aligned
-    stride = slice(None, None, max(1, int(np.ceil(len(aligned.time_s) / _MOST_POINTS))))
-    time_s = aligned.time_s[stride]
     for row, name in enumerate(names):
-        column = aligned.joints.index(name)
-        measured, twin = aligned.measured[stride, column], comparison.predicted[stride, column]
+        time_s, measured, twin, _ = reduced(comparison, name, _BUCKETS)
         first = row == 0
         rows = (
             (measured, "measured", MEASURED, 0),
             (twin, "twin", TWIN, 0),
             (measured - twin, "residual", RESIDUAL, 1),
         )
-        for values, label, colour, below in rows:
+        for values, words, colour, below in rows:
             trace = go.Scattergl(
                 x=time_s,
                 y=values,
-                name=label,
-                legendgroup=label,
+                name=words,
+                legendgroup=words,
                 showlegend=first,
                 line={"color": colour, "width": 1.4},
             )
@@ -50,4 +46,5 @@ def comparison_figure(comparison: Comparison, *, most: int = 12) -> go.Figure:
         figure.update_yaxes(title_text="rad", row=2 * row + 1, col=1)
         figure.update_yaxes(title_text="difference", row=2 * row + 2, col=1)
     figure.update_xaxes(title_text="time since the first sample (s)", row=max(2 * len(names), 1), col=1)
-    return styled(figure, f"{aligned.recording.name}: measured against twin", height=160 + 260 * max(len(names), 1))
+    title = f"{label(comparison.aligned.recording.name)}: measured against twin"
+    return styled(figure, title, height=160 + 260 * max(len(names), 1))

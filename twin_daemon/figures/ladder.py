@@ -7,7 +7,7 @@ from typing import Any
 
 import plotly.graph_objects as go
 
-from twin_daemon.figures.style import MEASURED, REFERENCE, RESIDUAL, TWIN, styled
+from twin_daemon.figures.style import MEASURED, REFERENCE, RESIDUAL, TWIN, label, styled
 
 _LINES = (
     ("raw_command", "raw command", "dot"),
@@ -24,7 +24,7 @@ def ladder_figure(
 ) -> go.Figure:
     """Steps as the command reports them; references with their held-out error. All errors in rad^2."""
     labels = [f"{number}: {_label(step)}" for number, step in enumerate(steps)]
-    hover = [", ".join(f"{name} = {value:.4g}" for name, value in step["parameters"].items()) for step in steps]
+    hover = [label(", ".join(f"{n} = {value:.4g}" for n, value in step["parameters"].items())) for step in steps]
     figure = go.Figure()
     series = (
         ("fitted motion", "mse_rad2", RESIDUAL, "circle"),
@@ -52,13 +52,13 @@ def ladder_figure(
         figure.add_trace(_level(labels, noise_floor_rad2, "noise floor of the sensors", MEASURED, "solid"))
     figure.update_yaxes(type="log", title_text="mean squared error (rad²)", exponentformat="power")
     figure.update_xaxes(title_text="what was added")
-    return styled(figure, title, height=620)
+    return styled(figure, label(title), height=620)
 
 
 def _label(step: Mapping[str, Any]) -> str:
     if step["effect"] is None:
         return "all values<br>together" if step.get("together") else "start"
-    return f"{step['effect']}<br>{step['target']}"
+    return f"{label(step['effect'])}<br>{label(step['target'])}"
 
 
 def _level(labels: Sequence[str], value: float, name: str, colour: str, dash: str) -> go.Scatter:

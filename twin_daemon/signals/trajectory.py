@@ -158,6 +158,11 @@ def load_trajectory(ref: str | Path, hand: Hand) -> Trajectory:
     return trajectory
 
 
+def trajectory_file(ref: str | Path) -> Path:
+    """The file that holds the trajectory which `load_trajectory` reads for `ref`. Raises BadInput."""
+    return _locate(str(ref))[0]
+
+
 def known_trajectories() -> dict[str, Path]:
     """Names of the trajectories that come with this installation, and their files."""
     found: dict[str, Path] = {}

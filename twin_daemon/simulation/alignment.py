@@ -78,6 +78,7 @@ class Aligned:
 
 
 _ONSET_ROLLOUTS = 4
+_ONSET_SAMPLES = 6000  # that the first look for an onset takes of a long recording
 _ONSET_REACH_S = 0.2
 _ONSET_FOUND_S = 2e-4
 
@@ -158,15 +159,17 @@ def command_onset(twin: TwinModel, aligned: Aligned) -> float:
     if not use.any():
         return aligned.onset_s
 
-    def error(onset: float) -> float:
-        commanded = aligned.controls(twin, aligned.time_s, onset).T
-        return float(np.nanmean((commanded[use] - actuated[use]) ** 2))
+    def error(onset: float, every: int = 1) -> float:
+        commanded = aligned.controls(twin, aligned.time_s[::every], onset).T
+        return float(np.nanmean((commanded[use] - actuated[use, ::every]) ** 2))
 
     length = float(aligned.signal.time_s[-1])
-    # a repeating motion fits at several places: once found, the onset is only refined
+    # a repeating motion fits at several places: once found, or recorded, the onset is only refined
     near = aligned.onset_s + np.arange(-0.5, 0.5, 0.05)
-    grid = near if aligned.onset_s else np.arange(-length, aligned.time_s[-1], 0.05)
-    best = grid[int(np.argmin([error(onset) for onset in grid]))]
+    known = aligned.onset_s or not aligned.onset_free
+    grid = near if known else np.arange(-length, aligned.time_s[-1], 0.05)
+    every = int(np.ceil(len(aligned.time_s) / _ONSET_SAMPLES))
+    best = grid[int(np.argmin([error(onset, every) for onset in grid]))]
     found: Any = minimize_scalar(error, bounds=(best - 0.06, best + 0.06), method="bounded", options={"xatol": 1e-4})
     return float(found.x)
 

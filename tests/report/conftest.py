@@ -1,0 +1,147 @@
+"""Small recordings, finished results, and pages read back as a browser would read them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.simulation.made import FINGER, recorded, saved
+from twin_daemon.cli.app import main
+from twin_daemon.cli.diagnose import as_json
+from twin_daemon.diagnosis.verdict import Diagnosis, Finding, FittedValue, Trial
+from twin_daemon.hand import load_hand
+from twin_daemon.jsonable import plain
+from twin_daemon.simulation.terms import Terms
+from twin_daemon.simulation.twin import TwinModel
+
+
+@pytest.fixture(scope="session")
+def twin() -> TwinModel:
+    return TwinModel.load(load_hand())
+
+
+@pytest.fixture(scope="session")
+def bag(twin: TwinModel, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One finger whose base joint is damped four times as much as the model says."""
+    damping = 4.0 * twin.parameter("rh_FFJ3.damping").read(twin.model)
+    worn = twin.changed(Terms(parameters={"rh_FFJ3.damping": damping}))
+    recording = recorded(worn, FINGER, np.random.default_rng(8))
+    return saved(recording, tmp_path_factory.mktemp("bags") / "finger.mcap")
+
+
+@pytest.fixture
+def diagnosis() -> dict[str, Any]:
+    """An ambiguous diagnosis as `twin diagnose` writes it."""
+    finding = Finding(
+        effect="viscous_friction",
+        target="rh_FFJ3",
+        joints=("rh_FFJ3",),
+        parameters={"damping": FittedValue(0.6, "N m s/rad", (0.55, 0.65))},
+        evidence=4321.0,
+        holdout_mse_before=1e-3,
+        holdout_mse_after=2e-5,
+        holdout_gain=0.98,
+        holdout_gain_ci95=(0.97, 0.99),
+        confusable_with=("command_delay:rh_FFJ3",),
+        explanation="The joint resists in proportion to its speed.",
+    )
+    trial = Trial("backlash", "rh_FFJ3", 12.0, 9e-4, None, "explains less: 4309 nats behind viscous_friction:rh_FFJ3")
+    experiment = {
+        "path": "viscous_friction_or_command_delay.yaml",
+        "trajectory": "viscous_friction_or_command_delay.yaml:steps",
+        "expected_difference_rad": 0.02,
+        "separates": ["viscous_friction:rh_FFJ3", "command_delay:rh_FFJ3"],
+        "why": "steps on rh_FFJ3: there the predictions differ by 20 mrad rms",
+    }
+    parts = {"FF": {"joints": ("rh_FFJ3",), "times_floor": 120.0, "left_times_floor": 0.8, "quiet": False}}
+    found = Diagnosis(
+        "ambiguous", "viscous_friction at rh_FFJ3 cannot be told from command_delay:rh_FFJ3", (finding,), (trial,), (),
+        parts, ({"parameter": "rh_FFJ3.kp", "sigma": 4.5},), experiment,
+    )  # fmt: skip
+    extra = {"schema": 1, "notes": ["a note on the diagnosis"], "hand": "shadow_hand", "version": None, "seed": 7}
+    return plain({**as_json(found), **extra})
+
+
+@pytest.fixture
+def ladder() -> dict[str, Any]:
+    """A ladder of one step as `twin ladder` writes it."""
+    start = {"effect": None, "target": None, "joints": [], "parameters": {}, "mse_rad2": 1e-3,
+             "holdout_mse_rad2": 2e-3, "verdict": "explained", "together": False}  # fmt: skip
+    first = {"effect": "viscous_friction", "target": "rh_FFJ3", "joints": ["rh_FFJ3"], "parameters": {"damping": 0.6},
+             "mse_rad2": 1e-6, "holdout_mse_rad2": None, "verdict": "within_noise", "together": False}  # fmt: skip
+    nothing = {"mse_rad2": None, "holdout_mse_rad2": None}
+    return {
+        "schema": 1, "hand": "shadow_hand", "verdict": "within_noise", "reason": "nothing is left",
+        "steps": [start, first], "refused": ["backlash:rh_FFJ1"], "noise_floor_rad2": 1e-8, "interrupted": False,
+        "references": {"raw_command": {"mse_rad2": 5e-3, "holdout_mse_rad2": 6e-3}, "last_promoted": nothing,
+                       "parameters_alone": nothing},
+        "parent": None, "version": None, "notes": [], "seed": 3, "parameters": {},
+    }  # fmt: skip
+
+
+def written(path: Path, content: dict[str, Any]) -> str:
+    path.write_text(json.dumps(content), encoding="utf-8")
+    return str(path)
+
+
+@dataclass
+class Page(HTMLParser):
+    """What a browser would find: elements with their attributes, the text of scripts, and the words that are shown."""
+
+    html: str
+    elements: list[tuple[str, dict[str, str | None]]] = field(default_factory=list)
+    scripts: list[str] = field(default_factory=list)
+    words: str = ""
+    _inside: str = ""
+
+    def __post_init__(self) -> None:
+        super().__init__()
+        self.feed(self.html)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+        self._inside = tag
+        if tag == "script":
+            self.scripts.append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        self._inside = ""
+
+    def handle_data(self, data: str) -> None:
+        if self._inside == "script":
+            self.scripts[-1] += data
+        elif self._inside != "style":
+            self.words += data
+
+    def all(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.elements if name == tag]
+
+    @property
+    def run(self) -> list[str]:
+        """The scripts that a browser runs: those that are not data."""
+        pairs = zip(self.all("script"), self.scripts, strict=True)
+        return [text for attributes, text in pairs if attributes.get("type") != "application/json"]
+
+    @property
+    def sections(self) -> list[str | None]:
+        return [attributes.get("id") for attributes in self.all("section")]
+
+
+def report(folder: Path, *argv: str) -> tuple[Page, dict[str, Any]]:
+    """(the page, the JSON) of a `twin report` that must succeed."""
+    path, result = folder / "report.html", folder / "report.json"
+    assert main(["report", *argv, "-o", str(path), "--json", str(result)]) == 0
+    return Page(path.read_text(encoding="utf-8")), json.loads(result.read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="session")
+def plain_report(bag: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Page, dict[str, Any]]:
+    """The page of the recording alone, with the nominal model."""
+    return report(tmp_path_factory.mktemp("report"), "--recording", str(bag))

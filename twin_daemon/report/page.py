@@ -1,0 +1,124 @@
+"""The page itself: one HTML file that asks nobody for anything."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import plotly.offline
+from markupsafe import Markup
+
+from twin_daemon.diagnosis.verdict import IN_WORDS
+from twin_daemon.figures.ladder import ladder_figure
+from twin_daemon.figures.style import DARK
+from twin_daemon.report import words
+from twin_daemon.report.chart import Chart, chart, in_script
+from twin_daemon.report.finished import DiagnosisRead, LadderRead
+from twin_daemon.report.motion import Motion, conditions, overlays
+from twin_daemon.report.parameters import ParameterRow
+from twin_daemon.report.reproduce import Recipe
+from twin_daemon.versions import Version
+
+_TEMPLATES = Path(__file__).with_name("templates")
+_MOST_TRIED = 20  # candidates that are shown at once
+
+
+@dataclass(frozen=True)
+class Content:
+    """What a page tells. `motions` are the recordings, and the held-out ones where there are any."""
+
+    hand: str
+    motions: tuple[Motion, ...]
+    version: Version | None
+    parameters: tuple[ParameterRow, ...]
+    recipe: Recipe
+    diagnosis: DiagnosisRead | None = None
+    ladder: LadderRead | None = None
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def sections(self) -> tuple[str, ...]:
+        """The ids of the page's sections, in order."""
+        moves = any(motion.rows for motion in self.motions)
+        there = {
+            "summary": True,
+            "comparison": True,
+            "motion": moves,
+            "conditions": moves,
+            "diagnosis": self.diagnosis is not None,
+            "ladder": self.ladder is not None,
+            "parameters": True,
+            "reproduce": True,
+        }
+        return tuple(name for name, shown in there.items() if shown)
+
+
+def render(content: Content) -> str:
+    """The page as text. Whatever comes from recordings, versions and results is escaped."""
+    plotly_js, page_js = (_one_ending(text) for text in (plotly.offline.get_plotlyjs(), _text("page.js")))
+    return _environment().get_template("page.html.j2").render(
+        policy=_policy(plotly_js, page_js),
+        css=Markup(_text("page.css")),
+        plotly_js=Markup(plotly_js),
+        page_js=Markup(page_js),
+        colours=in_script(DARK),
+        made=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        content=content,
+        sections=content.sections,
+        overlays=overlays(content.motions),
+        conditions=conditions(content.motions),
+        tried=sorted(content.diagnosis.tried, key=lambda trial: -(trial.evidence or 0.0)) if content.diagnosis else [],
+        most_tried=_MOST_TRIED,
+        ladder_chart=_ladder_chart(content.ladder),
+        verdicts=IN_WORDS,
+    )  # fmt: skip
+
+
+def _ladder_chart(ladder: LadderRead | None) -> Chart | None:
+    if ladder is None:
+        return None
+    plain: dict[str, Any] = ladder.model_dump()
+    steps = [
+        {**step, "parameters": {name: value for name, value in step["parameters"].items() if value is not None}}
+        for step in plain["steps"]
+    ]
+    figure = ladder_figure("", steps, plain["references"], ladder.noise_floor_rad2)
+    figure.update_layout(height=460)
+    return chart("ladder-figure", figure, "The error by what was added, on fitted and on held-out motion.")
+
+
+def _environment() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(_TEMPLATES),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    for tool in (words.number, words.milli, words.percent, words.root, words.interval):
+        environment.filters[tool.__name__] = tool
+    environment.globals.update(how_sure=words.how_sure, left_over=words.left_over, bounds=words.bounds)
+    return environment
+
+
+def _policy(*scripts: str) -> str:
+    """A Content-Security-Policy that runs these scripts and no others, and forbids every request."""
+    allowed = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'" for s in scripts)
+    return (
+        f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data: blob:; "
+        "base-uri 'none'; form-action 'none'"
+    )
+
+
+def _text(name: str) -> str:
+    return (_TEMPLATES / name).read_text(encoding="utf-8")
+
+
+def _one_ending(script: str) -> str:
+    """As a browser reads it: the hash of a script is that of the text with plain line ends."""
+    return script.replace("\r\n", "\n").replace("\r", "\n")
