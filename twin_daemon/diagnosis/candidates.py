@@ -16,6 +16,7 @@ from twin_daemon.simulation.terms import EffectTerm
 from twin_daemon.simulation.twin import TwinModel
 
 _WIDER = 10.0  # a fit may go this much further than the starts
+_NEARBY = 1.15  # as a factor: this far from its start where a parameter counts something
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,9 @@ class Hypothesis:
         knobs = []
         for p in self.effect.parameters:
             lower, upper = self._box(p)
-            if lower < upper and not p.held:
+            if p.held:
+                lower, upper = max(p.lower, complete[p.name] / _NEARBY), min(p.upper, complete[p.name] * _NEARBY)
+            if lower < upper:
                 knobs.append(value_knob(self.effect.key, self.target, p, (lower, upper), complete[p.name]))
         return tuple(knobs)
 

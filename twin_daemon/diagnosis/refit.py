@@ -9,7 +9,7 @@ from twin_daemon.diagnosis.candidates import Hypothesis
 from twin_daemon.diagnosis.descent import Derivative, descend
 from twin_daemon.diagnosis.fit import Fit, as_fit, own_columns
 from twin_daemon.diagnosis.intervals import knob_interval, unit_sigmas
-from twin_daemon.diagnosis.nuisances import nuisance_knobs
+from twin_daemon.diagnosis.nuisances import beside, nuisance_knobs
 from twin_daemon.diagnosis.reduced import Reduction
 from twin_daemon.diagnosis.segments import segments
 from twin_daemon.diagnosis.whitened import WhitenedProblem, floor_and_corrections
@@ -141,7 +141,7 @@ def _fit(
     """The best descent of the hypotheses' parameters, together, and of all that is uncertain."""
     floor, corrections = floor_and_corrections(small, pieces, (), joints)
     spoken = {name for h in hypotheses for name in h.speaks_for(small)}
-    nuisances = tuple(k for k in nuisance_knobs(small, pieces, joints) if k.name not in spoken)
+    nuisances = beside(nuisance_knobs(small, pieces, joints), spoken)
     offsets = {joint for h in hypotheses for joint in h.holds_offset()}
     trials = []
     for number in range(max((len(h.starts) for h in hypotheses), default=1)):
