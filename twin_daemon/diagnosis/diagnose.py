@@ -177,8 +177,8 @@ def _step(part: PartFit, gate: Gate, say: Stream, outcome: Outcome) -> tuple[Fit
     if not roughly:
         return None
     within = [rough for rough in roughly if rough.cost < _COMPARABLE * roughly[0].cost + screening.floor_cost]
-    # where nuisances reach the floor, costs differ by less than a first fit is good for: all are fitted to the end
-    finalists = within if part.base.chi_square <= QUIET_CHI_SQUARE else within[:_FINALISTS]
+    # where nuisances reach the floor, costs differ by less than a first fit is good for
+    finalists = within[: 2 * _FINALISTS if part.base.chi_square <= QUIET_CHI_SQUARE else _FINALISTS]
     finalists += [r for r in within if r not in finalists and _is_contained(r.hypothesis, finalists[0].hypothesis)]
     for rough in [r for r in roughly if r not in finalists]:
         gain = 0.5 * (screening.cost - rough.cost)
