@@ -129,11 +129,11 @@ def test_a_ripples_waves_are_read_off_the_error_over_the_angle(smooth: TwinModel
     scale = smooth.scale("rh_FFJ3")
     angle = 0.7 + 0.6 * np.sin(np.linspace(0.0, 9.0, 2000))
     noise = np.random.default_rng(0).normal(0.0, 5e-4, angle.size)
-    gap = 0.004 + noise + 0.002 * np.sin(periods * angle + 1.0)
-    best = LIBRARY["torque_ripple"].suggested(scale, angle, gap)[0]
+    wave = 0.002 * np.sin(periods * angle + 1.0)
+    best = LIBRARY["torque_ripple"].suggested(scale, angle, 0.004 + noise + wave)[0]
     assert best["amplitude"] == pytest.approx(0.002 * scale.kp, rel=0.15)
-    assert np.allclose(0.002 * np.sin(periods * angle + 1.0),
-                       best["amplitude"] / scale.kp * np.sin(best["periods"] * angle + best["phase"]), atol=1.5e-3)  # fmt: skip
+    found = best["amplitude"] / scale.kp * np.sin(best["periods"] * angle + best["phase"])
+    assert found == pytest.approx(wave, abs=1.5e-3)
 
 
 def test_a_joint_that_hardly_travels_suggests_no_waves(smooth: TwinModel):
