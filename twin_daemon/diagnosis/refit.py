@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from twin_daemon.diagnosis.candidates import Hypothesis
+import numpy as np
+
+from twin_daemon.diagnosis.candidates import Hypothesis, informed
 from twin_daemon.diagnosis.descent import Derivative, descend
 from twin_daemon.diagnosis.fit import Fit, as_fit, own_columns
 from twin_daemon.diagnosis.intervals import knob_interval, unit_sigmas
@@ -81,7 +83,7 @@ def refit_effect(
             )
         small, pieces = _pieces(twin, reduction, recordings, joints, whole=own == ["hand"])
         hypotheses = [_hypothesis(small, effect, target, joints[0], start) for target in own]
-        best = _fit(small, pieces, hypotheses, given, joints)
+        best = _fit(small, pieces, hypotheses, given, joints, guess=start is None)
         parameters |= best.problem.settings(best.point)[0]
         for hypothesis in hypotheses:
             term, found = _read(best, hypothesis)
@@ -137,9 +139,18 @@ def _fit(
     hypotheses: Sequence[Hypothesis],
     given: Mapping[str, float],
     joints: Sequence[str],
+    *,
+    guess: bool = False,
 ) -> Fit:
-    """The best descent of the hypotheses' parameters, together, and of all that is uncertain."""
+    """The best descent of the hypotheses' parameters, together, and of all that is uncertain.
+
+    With `guess` from the starts that the error without them suggests, where an effect has such.
+    """
     floor, corrections = floor_and_corrections(small, pieces, (), joints)
+    if guess:
+        without = WhitenedProblem(small, pieces, (), joints, floor, corrections=corrections)
+        gaps = [gap[0] for gap in without.joint_residuals(np.zeros((1, 0)))]
+        hypotheses = [informed(h, small, pieces, joints, gaps) for h in hypotheses]
     spoken = {name for h in hypotheses for name in h.speaks_for(small)}
     nuisances = beside(nuisance_knobs(small, pieces, joints), spoken)
     offsets = {joint for h in hypotheses for joint in h.holds_offset()}

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from twin_daemon.diagnosis.candidates import Hypothesis
+from twin_daemon.diagnosis.candidates import Hypothesis, informed
 from twin_daemon.diagnosis.descent import Derivative, descend, differenced, one_step
 from twin_daemon.diagnosis.fit import Rough, Start, own_columns
 from twin_daemon.diagnosis.nuisances import factors
@@ -116,7 +116,7 @@ class Screening:
         step, because a change is a difference of two roll-outs, which share its error.
         """
         found: list[Start] = []
-        hypothesis = self._informed(hypothesis)
+        hypothesis = informed(hypothesis, self._part.twin, self._part.recordings, self._part.joints, self._gaps)
         spoken = hypothesis.speaks_for(self._part.twin)
         dropped = tuple(i for i, knob in enumerate(self._part.knobs) if knob.name in spoken)
         own = self._part.group_of(hypothesis.target)
@@ -141,24 +141,6 @@ class Screening:
             values = hypothesis.effect.clipped({hypothesis.effect.parameters[0].name: self._mean_residual(joint)})
             found.append(Start(hypothesis, hypothesis.effect.complete(values), None, 0.5 * self.cost))
         return sorted(found, key=lambda start: start.expected)
-
-    def _informed(self, hypothesis: Hypothesis) -> Hypothesis:
-        """A candidate with the starts that the residual of the nuisances alone suggests, if it can be asked."""
-        twin, effect, target = self._part.twin, hypothesis.effect, hypothesis.target
-        joints = [joint for joint in self._part.joints if joint in twin.joints_of(target)] if target != "hand" else []
-        if not joints:
-            return hypothesis
-        columns = [twin.joints.index(joint) for joint in joints]
-        own = [self._part.joints.index(joint) for joint in joints]
-        angles, gaps = [], []
-        for recording, gap in zip(self._part.recordings, self._gaps, strict=True):
-            known = np.isfinite(recording.measured[:, columns]).all(axis=1)
-            angles.append(recording.measured[known][:, columns].sum(axis=1))
-            gaps.append(gap[known][:, own].sum(axis=1))
-        starts = effect.suggested(twin.scale(target), np.concatenate(angles), np.concatenate(gaps))
-        if not starts:
-            return hypothesis
-        return replace(hypothesis, starts=tuple(effect.complete(effect.clipped(start)) for start in starts))
 
     @cached_property
     def _gaps(self) -> list[np.ndarray]:
