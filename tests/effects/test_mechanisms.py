@@ -124,6 +124,23 @@ def test_the_distal_joint_stays_behind_while_the_finger_closes():
     assert split[-1, proximal] == pytest.approx(end, abs=0.02)
 
 
+@pytest.mark.parametrize("periods", [7.0, 25.0, 61.0])
+def test_a_ripples_waves_are_read_off_the_error_over_the_angle(smooth: TwinModel, periods: float):
+    scale = smooth.scale("rh_FFJ3")
+    angle = 0.7 + 0.6 * np.sin(np.linspace(0.0, 9.0, 2000))
+    noise = np.random.default_rng(0).normal(0.0, 5e-4, angle.size)
+    wave = 0.002 * np.sin(periods * angle + 1.0)
+    best = LIBRARY["torque_ripple"].suggested(scale, angle, 0.004 + noise + wave)[0]
+    assert best["amplitude"] == pytest.approx(0.002 * scale.kp, rel=0.15)
+    found = best["amplitude"] / scale.kp * np.sin(best["periods"] * angle + best["phase"])
+    assert found == pytest.approx(wave, abs=1.5e-3)
+
+
+def test_a_joint_that_hardly_travels_suggests_no_waves(smooth: TwinModel):
+    angle = np.linspace(0.5, 0.6, 200)
+    assert LIBRARY["torque_ripple"].suggested(smooth.scale("rh_FFJ3"), angle, np.sin(40.0 * angle)) == ()
+
+
 def test_gravity_turns_and_keeps_its_size(bench: Bench):
     twin = bench.with_effects(("gravity_tilt", "hand", {"about_x": np.pi / 2, "about_y": 0.0}))
     x, y, z = bench.twin.model.opt.gravity

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,10 +12,12 @@ from twin_daemon.effects import LIBRARY
 from twin_daemon.effects.base import Effect, Parameter
 from twin_daemon.fitting.effect_knobs import value_knob
 from twin_daemon.fitting.knobs import Knob
+from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.terms import EffectTerm
 from twin_daemon.simulation.twin import TwinModel
 
 _WIDER = 10.0  # a fit may go this much further than the starts
+_NEARBY = 1.15  # as a factor: this far from its start where a parameter counts something
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,9 @@ class Hypothesis:
         knobs = []
         for p in self.effect.parameters:
             lower, upper = self._box(p)
-            if lower < upper and not p.held:
+            if p.held:
+                lower, upper = max(p.lower, complete[p.name] / _NEARBY), min(p.upper, complete[p.name] * _NEARBY)
+            if lower < upper:
                 knobs.append(value_knob(self.effect.key, self.target, p, (lower, upper), complete[p.name]))
         return tuple(knobs)
 
@@ -111,3 +115,31 @@ def hypotheses(twin: TwinModel, joints: Sequence[str], *, whole_hand: bool) -> l
             if hypothesis.sensible():
                 found.append(hypothesis)
     return found
+
+
+def informed(
+    hypothesis: Hypothesis,
+    twin: TwinModel,
+    recordings: Sequence[Aligned],
+    joints: Sequence[str],
+    gaps: Sequence[np.ndarray],
+) -> Hypothesis:
+    """A candidate with the starts that the error without it suggests; with its own where that says nothing.
+
+    `gaps` are (n, k) rad a recording: measured minus predicted of `joints`.
+    """
+    concerned = [joint for joint in twin.joints_of(hypothesis.target) if joint in joints]
+    if not concerned:
+        return hypothesis
+    columns = [twin.joints.index(joint) for joint in concerned]
+    own = [list(joints).index(joint) for joint in concerned]
+    angles, seen = [], []
+    for recording, gap in zip(recordings, gaps, strict=True):
+        angle = recording.measured[:, columns].sum(axis=1)
+        known = np.isfinite(angle)
+        angles.append(angle[known])
+        seen.append(gap[known][:, own].sum(axis=1))
+    effect = hypothesis.effect
+    starts = effect.suggested(twin.scale(hypothesis.target), np.concatenate(angles), np.concatenate(seen))
+    completed = tuple(effect.complete(effect.clipped(start)) for start in starts)
+    return replace(hypothesis, starts=completed) if completed else hypothesis

@@ -8,14 +8,13 @@ from dataclasses import dataclass, field
 from twin_daemon.diagnosis.fit import Fit
 from twin_daemon.diagnosis.gate import HeldOut
 from twin_daemon.diagnosis.intervals import knob_interval, unit_sigmas
-from twin_daemon.diagnosis.partfit import QUIET_CHI_SQUARE, PartFit
+from twin_daemon.diagnosis.partfit import FORBIDDEN_SIGMA, QUIET_CHI_SQUARE, PartFit
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding, FittedValue, Trial, VerdictName
 from twin_daemon.diagnosis.where import where_it_fails
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
 
-_FORBIDDEN_SIGMA = 6.0
-"""A nuisance this far off beside the findings: the findings are not the whole truth."""
+_NAMED = 6  # effects that a motion could not have shown, in a reason
 
 
 @dataclass
@@ -30,11 +29,13 @@ class Outcome:
     tried: list[Trial] = field(default_factory=list)
     left: float = 0.0
     quiet: bool = False
+    unseen: list[str] = field(default_factory=list)
+    """Of a quiet part the effects that its motion would not have shown, where these are many."""
 
 
 def forced_nuisances(outcome: Outcome) -> list[tuple[str, float]]:
     """The nuisances that are further off than any plausible hand."""
-    return [(name, sigma) for name, sigma in outcome.strained.items() if abs(sigma) > _FORBIDDEN_SIGMA]
+    return [(name, sigma) for name, sigma in outcome.strained.items() if abs(sigma) > FORBIDDEN_SIGMA]
 
 
 def nothing_moves(joints: Sequence[str] | None) -> Diagnosis:
@@ -54,7 +55,7 @@ def conclude(
     findings.sort(key=lambda f: -f.evidence)
     loud = [o for o in outcomes if not o.quiet]
     unexplained = [o for o in loud if o.left > 1.0]
-    forced = [(o, *worst) for o in loud if o.accepted for worst in forced_nuisances(o)]
+    forced = [(o, *worst) for o in loud for worst in forced_nuisances(o)]
     unsettled = [o for o in loud if o.left <= 1.0 and not o.accepted and o.chi_square > QUIET_CHI_SQUARE]
     ambiguous = [f for f in findings if f.confusable_with]
     verdict: VerdictName
@@ -63,6 +64,8 @@ def conclude(
     elif not outcomes:
         verdict = "not_excited"
         reason = f"{', '.join(touching)}: touching something, or too short: record some seconds clear of contacts"
+    elif all(o.quiet and o.unseen for o in outcomes):
+        verdict, reason = "not_excited", _too_poor(outcomes[0])
     elif not loud:
         verdict, reason = "within_noise", "what is left is what the sensors and the time step leave of a right model"
     elif unexplained:
@@ -72,7 +75,8 @@ def conclude(
     elif forced:
         worst, name, sigma = max(forced, key=lambda item: abs(item[2]))
         verdict = "unexplained"
-        reason = f"{worst.name}: beside what was found, {name} has to be {sigma:+.0f} sigma from the model's value"
+        beside = "beside what was found" if worst.accepted else "no effect passes the gate, and"
+        reason = f"{worst.name}: {beside}, {name} has to be {sigma:+.0f} sigma from the model's value"
     elif ambiguous:
         verdict = "ambiguous"
         first = ambiguous[0]
@@ -99,6 +103,15 @@ def conclude(
         ),
         interrupted=interrupted,
         notes=[f"{name} was left out: it touches something nearly all the time" for name in touching],
+    )
+
+
+def _too_poor(outcome: Outcome) -> str:
+    effects = list(dict.fromkeys(name.partition(":")[0] for name in outcome.unseen))
+    some = ", ".join(effects[:_NAMED]) + (f" and {len(effects) - _NAMED} more" if len(effects) > _NAMED else "")
+    return (
+        f"{outcome.name}: the model is right for this motion, but it would be beside {some} as well: record steps, "
+        "two speeds, small reversals and holds"
     )
 
 

@@ -12,10 +12,11 @@ from twin_daemon.diagnosis.cores import concurrently
 from twin_daemon.diagnosis.fit import Fit, Rough, Start
 from twin_daemon.diagnosis.gate import Gate, HeldOut
 from twin_daemon.diagnosis.intervals import stands_out
-from twin_daemon.diagnosis.partfit import QUIET_CHI_SQUARE, PartFit
+from twin_daemon.diagnosis.partfit import QUIET_CHI_SQUARE, SUSPECT_SIGMA, PartFit
 from twin_daemon.diagnosis.reduced import Reduced, Reduction
 from twin_daemon.diagnosis.screening import Screening
 from twin_daemon.diagnosis.verdict import Diagnosis, Trial
+from twin_daemon.diagnosis.visible import DECISIVE_NATS, unseen
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.submodel import parts
 from twin_daemon.simulation.twin import TwinModel
@@ -23,19 +24,17 @@ from twin_daemon.simulation.twin import TwinModel
 STRAINED_SIGMA = 4.0
 """A nuisance this far from its prior is no nuisance: something moves it."""
 
-DECISIVE_NATS = 5.0
-"""Evidence between two candidates below which the data do not choose (odds of 150 to 1)."""
-
 _MOST_EFFECTS = 3
-_REFITTED = 5  # candidates from each point of the nuisances
+_LOOKED_AT = 15  # candidates from each point of the nuisances
+_REFITTED = 5  # of them
 _STARTS = 4
 _ROUGH = 14  # roll-outs of every candidate's fit beside those of its derivatives
 _FINALISTS = 3
 _COMPARABLE = 4.0  # times the best cost: what is further off after a first fit is not fitted again
 _FINE = 12  # more for the best of them
-_SUSPECT_SIGMA = 3.0
 _ALIKE = 0.1  # of the best candidate's cost: laws that come this close are not told apart by their form
 _REFINEMENT = 0.03  # of the first error: what a second effect at the same place has to take away
+_MOST_OF_IT = 0.5  # of the error that is left: or that
 
 Stream = Callable[[str], None]
 """Called with one line whenever a candidate has been judged."""
@@ -77,7 +76,8 @@ def diagnose(
                 again = reduction.of(twin.changed(accepted_terms), part, reduced.joints)
                 assert again is not None  # as clear of contacts as before
                 reduced, fit = _look(again)
-            outcome = _search(fit, reduced, seed, say, most_effects)
+            seen = any(o.quiet and not o.unseen for o in outcomes)
+            outcome = _search(fit, reduced, seed, say, most_effects, seen=seen)
             outcomes.append(outcome)
             for _, found, _, _ in outcome.accepted:
                 if found.hypothesis is not None and found.hypothesis.target == "hand":
@@ -91,7 +91,10 @@ def _look(reduced: Reduced) -> tuple[Reduced, PartFit]:
     return reduced, PartFit(reduced.twin, reduced.train, reduced.joints)
 
 
-def _search(part: PartFit, reduced: Reduced, seed: int, say: Stream, most_effects: int) -> Outcome:
+def _search(
+    part: PartFit, reduced: Reduced, seed: int, say: Stream, most_effects: int, *, seen: bool = False
+) -> Outcome:
+    """`seen` says that another part has moved richly enough for the hand to be called sound."""
     strained = _strained(part)
     outcome = Outcome(reduced.name, part.joints, part.base.chi_square, strained)
     gate = Gate(part, reduced.holdout, seed=seed)
@@ -100,8 +103,11 @@ def _search(part: PartFit, reduced: Reduced, seed: int, say: Stream, most_effect
         f"{reduced.name}: {part.base.chi_square:.1f} times the floor with the nominal parameters' uncertainty taken out"
     )
     if part.base.chi_square <= QUIET_CHI_SQUARE and not strained:
-        outcome.quiet = True
-        return outcome
+        outcome.unseen = unseen(part) if outcome.left > 1.0 or not seen else []
+        # what only held-out motion shows is looked for where the other motion can show it
+        if outcome.left <= 1.0 or outcome.unseen:
+            outcome.quiet = True
+            return outcome
     first = part
     for _ in range(most_effects):
         step = _step(part, gate, say, outcome)
@@ -112,32 +118,38 @@ def _search(part: PartFit, reduced: Reduced, seed: int, say: Stream, most_effect
             break
         outcome.accepted.append((part, fit, judged, rivals))
         outcome.left = judged.adequacy
-        hypothesis = fit.hypothesis
-        assert hypothesis is not None
-        richer = part.twin.changed(part.twin.terms.with_effect(hypothesis.term(fit.values)))
-        settled = PartFit(richer, part.recordings, part.joints, after=fit)
+        if len(outcome.accepted) > 1:
+            joint = first.together([found for _, found, _, _ in outcome.accepted], _FINE)
+            outcome.accepted = [
+                (by, one, held, others) for one, (by, _, held, others) in zip(joint, outcome.accepted, strict=True)
+            ]
+        fits = [found for _, found, _, _ in outcome.accepted]
+        terms = first.twin.terms
+        for found in fits:
+            assert found.hypothesis is not None
+            terms = terms.with_effect(found.hypothesis.term(found.values))
+        settled = PartFit(first.twin.changed(terms), part.recordings, part.joints, after=fits[-1], found=fits)
         # beside the effect the nuisances have gone back to where they belong: judged once more as it stands
         gate = Gate(settled, reduced.holdout, seed=seed, first=gate)
         outcome.left = min(outcome.left, gate.judge(settled.base).adequacy)
         outcome.strained = _strained(settled)
-        say(f"  with {hypothesis.name}: {settled.base.chi_square:.1f} times the floor, {outcome.left:.1f} held out")
+        say(f"  with {_named(fit)}: {settled.base.chi_square:.1f} times the floor, {outcome.left:.1f} held out")
         if outcome.left <= 1.0 and not forced_nuisances(outcome):
             break
         part = settled
-    if len(outcome.accepted) > 1:
-        joint = first.together([fit for _, fit, _, _ in outcome.accepted], _FINE)
-        outcome.accepted = [
-            (part, fit, judged, rivals) for fit, (part, _, judged, rivals) in zip(joint, outcome.accepted, strict=True)
-        ]
     return outcome
 
 
 def _is_refinement(first: PartFit, part: PartFit, fit: Fit, outcome: Outcome) -> bool:
-    """Whether a further effect only bends the law of one that has been found at the same place."""
+    """Whether a further effect only bends the law of one that has been found at the same place.
+
+    A second cause takes a part of the first error away, or most of what the first has left.
+    """
     joints = _judged_joints(part, fit)
     if not any(joints & _judged_joints(earlier, other) for earlier, other, _, _ in outcome.accepted):
         return False
-    return part.base.cost - fit.cost < _REFINEMENT * first.base.cost
+    gained = part.base.cost - fit.cost
+    return gained < _REFINEMENT * first.base.cost and gained < _MOST_OF_IT * part.base.cost
 
 
 def _judged_joints(part: PartFit, fit: Fit) -> set[str]:
@@ -148,7 +160,9 @@ def _judged_joints(part: PartFit, fit: Fit) -> set[str]:
 
 def _strained(part: PartFit) -> dict[str, float]:
     """The nuisances that are too far from their priors to be nuisances, in sigma."""
-    return {name: sigma for name, sigma in part.base.strains.items() if abs(sigma) > STRAINED_SIGMA}
+    values = {knob.name for knob in part.knobs if knob.writes[0][0] == "effect"}
+    strains = part.base.strains.items()
+    return {name: sigma for name, sigma in strains if name not in values and abs(sigma) > STRAINED_SIGMA}
 
 
 def _step(part: PartFit, gate: Gate, say: Stream, outcome: Outcome) -> tuple[Fit, HeldOut, tuple[str, ...]] | None:
@@ -163,7 +177,8 @@ def _step(part: PartFit, gate: Gate, say: Stream, outcome: Outcome) -> tuple[Fit
     if not roughly:
         return None
     within = [rough for rough in roughly if rough.cost < _COMPARABLE * roughly[0].cost + screening.floor_cost]
-    finalists = within[:_FINALISTS]
+    # where nuisances reach the floor, costs differ by less than a first fit is good for
+    finalists = within[: 2 * _FINALISTS if part.base.chi_square <= QUIET_CHI_SQUARE else _FINALISTS]
     finalists += [r for r in within if r not in finalists and _is_contained(r.hypothesis, finalists[0].hypothesis)]
     for rough in [r for r in roughly if r not in finalists]:
         gain = 0.5 * (screening.cost - rough.cost)
@@ -225,27 +240,37 @@ def _is_contained(simpler: Hypothesis, richer: Hypothesis | None) -> bool:
     return richer is not None and simpler.target == richer.target and simpler.effect.key in richer.effect.contains
 
 
+def _worth_a_look(screening: Screening, screened: Sequence[Sequence[Start]], owners: set[str]) -> list[Start]:
+    """The starts that are rolled out as they are: from each point of the nuisances, those of its best candidates.
+
+    Where the nuisances fit best without it, the right effect may have little to add. So the points are not compared.
+    """
+    looked_at: list[Start] = []
+    for anchor in dict.fromkeys(start.anchor for starts in screened for start in starts):
+        worth = screening.left_at(anchor) - 2.0 * DECISIVE_NATS
+        here = [[start for start in starts if start.anchor == anchor] for starts in screened]
+        here = sorted((starts for starts in here if starts), key=lambda starts: starts[0].expected)
+        for rank, starts in enumerate(here):
+            own = starts[0].hypothesis.name in owners
+            if own or (rank < _LOOKED_AT and starts[0].expected < worth):
+                looked_at += starts[: _STARTS if own else 2]
+    return looked_at
+
+
 def _shortlist(screening: Screening, part: PartFit, outcome: Outcome) -> list[Rough]:
     """Where to start the fits that are worth one: the best start of each candidate by the cost that it has.
 
     What a nuisance stands in for is invisible beside it. Where nuisances alone reach the floor by straining, only
     the effects that they stand in for are asked; elsewhere these join the best of the screening.
     """
-    strained = {name for name, sigma in part.base.strains.items() if abs(sigma) > _SUSPECT_SIGMA}
+    strained = {name for name, sigma in part.base.strains.items() if abs(sigma) > SUSPECT_SIGMA}
     everything = hypotheses(part.twin, sorted(part.suspects, key=part.joints.index), whole_hand=True)
     owners = [h for h in everything if h.speaks_for(part.twin)]
     quiet = part.base.chi_square <= QUIET_CHI_SQUARE
     near = {part.group_of(knob.joints[0]) for knob in part.knobs if knob.name in strained and knob.joints}
     asked = [h for h in owners if part.group_of(h.target) in near] if quiet and near else everything
     screened = [starts for starts in concurrently(screening.screen, asked) if starts]
-    screened.sort(key=lambda starts: starts[0].expected)
-    worth = screening.cost - 2.0 * DECISIVE_NATS
-    looked_at: list[Start] = []
-    for rank, starts in enumerate(screened):
-        own = starts[0].hypothesis in owners
-        if own or (rank < 5 * _REFITTED and starts[0].expected < worth):
-            for anchor in dict.fromkeys(start.anchor for start in starts):
-                looked_at += [start for start in starts if start.anchor == anchor][: _STARTS if own else 2]
+    looked_at = _worth_a_look(screening, screened, {h.name for h in owners})
     entered = sorted((r for r in concurrently(screening.enter, looked_at) if r is not None), key=lambda r: r.cost)
     # costs are compared from one point of the nuisances: what one has not moved yet is not a candidate's fault
     by_anchor: dict[object, dict[str, Rough]] = {}

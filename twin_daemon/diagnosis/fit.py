@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from twin_daemon.diagnosis.candidates import Hypothesis
 from twin_daemon.diagnosis.descent import Descent
 from twin_daemon.diagnosis.whitened import WhitenedProblem
-from twin_daemon.fitting.knobs import Knob
+from twin_daemon.fitting.knobs import Knob, Prior
 
 
 @dataclass(frozen=True)
@@ -51,6 +51,23 @@ class Fit:
     def nuisances(self) -> dict[str, float]:
         """Unit coordinates of the nuisances by name."""
         return {k.name: float(u) for k, u in zip(self.problem.knobs, self.point, strict=True) if k.prior is not None}
+
+    def uncertain_values(self) -> list[Knob]:
+        """The effect's parameters as nuisances: a value that was found while something else was missing is off."""
+        assert self.hypothesis is not None
+        neutral, out = self.hypothesis.effect.neutral(), []
+        for index, knob in self.own_knobs:
+            value = knob.value(self.point[index])
+            mean = knob.low + self.point[index] * (knob.high - knob.low)
+            away = 1.0 if knob.log else abs(value - neutral[knob.name.rpartition(".")[2]])
+            sigma = max(_SHARE * away, _LEAST_SHARE * (knob.high - knob.low))
+            own = tuple(write for write in knob.writes if write[0] == "effect")
+            out.append(replace(knob, start=value, mode="set", writes=own, prior=Prior(float(mean), sigma)))
+        return out
+
+
+_SHARE = 0.5  # of an effect's strength: its sigma beside what is still to be found
+_LEAST_SHARE = 0.01  # of its box
 
 
 def as_fit(hypothesis: Hypothesis | None, problem: WhitenedProblem, found: Descent) -> Fit:

@@ -6,7 +6,8 @@ effect"; their priors keep them from standing in for one.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 
 from twin_daemon.fitting.knobs import Knob, Prior
 from twin_daemon.simulation.alignment import Aligned
@@ -59,6 +60,26 @@ def nuisance_knobs(twin: TwinModel, recordings: Sequence[Aligned], joints: Seque
         reach = _DELAY_REACH * sigma
         knobs.append(Knob(f"delay.{number}", "s", -reach, reach, 0.0, False, writes, prior=Prior(0.0, sigma)))
     return tuple(knobs)
+
+
+def beside(knobs: Sequence[Knob], spoken: Collection[str]) -> tuple[Knob, ...]:
+    """The nuisances beside candidates that speak for some of them: without these, and without turning what they turn.
+
+    An effect adds to what the model has. If a servo's factor went on scaling that, the effect's value would count from
+    a friction or armature that nobody has stated.
+    """
+    kept = [knob for knob in knobs if knob.name not in spoken]
+    return tuple(replace(k, writes=tuple(w for w in k.writes if w[-1] not in spoken)) for k in kept)
+
+
+def factors(knobs: Sequence[Knob], values: Mapping[str, float]) -> dict[str, float]:
+    """The whole factor on each nominal parameter, by name: factors on one parameter multiply. `values` by knob."""
+    found: dict[str, float] = {}
+    for knob in knobs:
+        for kind, name, *_ in knob.writes:
+            if kind == "parameter":
+                found[name] = found.get(name, 1.0) * values[knob.name]
+    return found
 
 
 def _by_recording(pieces: Sequence[Aligned]) -> dict[str, list[int]]:

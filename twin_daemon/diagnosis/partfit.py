@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from twin_daemon.diagnosis.candidates import Hypothesis
-from twin_daemon.diagnosis.descent import Derivative, descend
+from twin_daemon.diagnosis.descent import Derivative, Descent, descend, searched
 from twin_daemon.diagnosis.fit import Fit, Rough, as_fit, own_columns
-from twin_daemon.diagnosis.nuisances import nuisance_knobs
+from twin_daemon.diagnosis.nuisances import beside, nuisance_knobs
 from twin_daemon.diagnosis.whitened import WhitenedProblem, floor_and_corrections
 from twin_daemon.fitting.knobs import Knob
 from twin_daemon.simulation.alignment import Aligned
@@ -21,7 +21,12 @@ QUIET_CHI_SQUARE = 1.6
 """The residual over its floor up to which there is nothing to explain."""
 
 _NUISANCE_EVALUATIONS = 12
-_SUSPECT_SIGMA = 3.0
+SUSPECT_SIGMA = 3.0
+"""A nuisance this far from its prior may stand in for something."""
+
+FORBIDDEN_SIGMA = 6.0
+"""A nuisance this far off is no hand that is called the same: something is missing."""
+
 _SHARE = 0.04  # of the whole error below which a joint is not looked at, as long as another is worse
 _SETTLED = 0.95  # of the cost before: a round of the nuisances that gains less is the last
 _GONE_FAR = 0.8  # of its first cost: a descent that has come below this is taken up again
@@ -31,14 +36,24 @@ class PartFit:
     """A sub-model with its recordings: the fit of nuisances alone, and of candidates beside them."""
 
     def __init__(
-        self, twin: TwinModel, recordings: Sequence[Aligned], joints: Sequence[str], *, after: Fit | None = None
+        self,
+        twin: TwinModel,
+        recordings: Sequence[Aligned],
+        joints: Sequence[str],
+        *,
+        after: Fit | None = None,
+        found: Sequence[Fit] = (),
     ) -> None:
-        """`after` is the fit of an effect that the twin now has: the nuisances begin where it has left them."""
+        """`found` are the fits of effects that the twin now has, and `after` the last: nuisances begin where it is.
+
+        The values of these effects are uncertain as long as something else is missing, and go along as nuisances.
+        """
         self.twin = twin
         self.recordings = tuple(recordings)
         self.joints = tuple(joints)
         self._own_columns = [twin.joints.index(joint) for joint in joints]
-        self.knobs = nuisance_knobs(twin, recordings, joints)
+        values = [value for fit in found for value in fit.uncertain_values()]
+        self.knobs = (*nuisance_knobs(twin, recordings, joints), *values)
         if after is None:
             self.floor, self.corrections = floor_and_corrections(twin, recordings, self.knobs, joints)
         else:
@@ -96,16 +111,20 @@ class PartFit:
 
     @cached_property
     def suspects(self) -> set[str]:
-        """Joints at which something may be missing: the loud ones, or where none is, those whose nuisances strain."""
+        """Joints at which something may be missing: the loud ones, and those whose nuisances strain.
+
+        Where much is left, only what strains beyond any plausible hand counts: nuisances go far to stand in for what
+        is missing next to them.
+        """
         residuals = self.problem.joint_residuals(self.base.point[None])
         squares = np.sum([(r[0] ** 2).sum(axis=0) for r in residuals], axis=0) / self.floor
         known = np.maximum(np.sum([np.isfinite(r.measured).sum(axis=0)[self._own_columns] for r in self.recordings],
                                   axis=0), 1)  # fmt: skip
         loud = (squares / known > QUIET_CHI_SQUARE) & (squares > _SHARE * squares.sum())
         found = {joint for joint, is_loud in zip(self.joints, loud, strict=True) if is_loud}
-        if not found:
-            strains = self.base.strains
-            found = {joint for k in self.knobs if abs(strains[k.name]) > _SUSPECT_SIGMA for joint in k.joints}
+        quiet = self.base.chi_square <= QUIET_CHI_SQUARE or not found
+        least, strains = SUSPECT_SIGMA if quiet else FORBIDDEN_SIGMA, self.base.strains
+        found |= {joint for k in self.knobs if abs(strains[k.name]) > least for joint in k.joints}
         for group in self.groups:
             found |= group if group & found else set()
         return (found & set(self.joints)) or set(self.joints)
@@ -116,10 +135,13 @@ class PartFit:
         ends = np.cumsum(sizes)
         return [(int(end - size), int(end)) for size, end in zip(sizes, ends, strict=True)]
 
-    def _along(self, hypothesis: Hypothesis, knob: Knob) -> Knob:
-        """A candidate's knob that takes along what the nuisance did that it speaks for, such as a servo's gain."""
-        spoken = hypothesis.speaks_for(self.twin)
-        writes = [write for k in self.knobs if k.name in spoken for write in k.writes[1:]]
+    def _along(self, hypothesis: Hypothesis, knob: Knob, spoken: set[str]) -> Knob:
+        """A candidate's knob that takes along what the nuisance did that it speaks for, such as a servo's gain.
+
+        But for what another candidate speaks for (`spoken`).
+        """
+        own = hypothesis.speaks_for(self.twin)
+        writes = [write for k in self.knobs if k.name in own for write in k.writes[1:] if write[-1] not in spoken]
         return replace(knob, writes=(*knob.writes, *writes), mode="scale") if writes else knob
 
     def problem_with(self, *effects: tuple[Hypothesis, dict[str, float]]) -> WhitenedProblem:
@@ -130,11 +152,11 @@ class PartFit:
         for hypothesis, values in effects:
             terms = terms.with_effect(hypothesis.term(values))
             first, *others = hypothesis.knobs(values)
-            own += [self._along(hypothesis, first), *others]
+            own += [self._along(hypothesis, first, spoken), *others]
         return WhitenedProblem(
             self.twin.changed(terms),
             self.recordings,
-            (*own, *(k for k in self.knobs if k.name not in spoken)),
+            (*own, *beside(self.knobs, spoken)),
             self.joints,
             self.floor,
             offset_held=sorted(offsets),
@@ -144,16 +166,28 @@ class PartFit:
     def finely(self, rough: Rough, evaluations: int) -> Fit:
         """The fit on all motion, with the time step's error and all derivatives taken where it has come to.
 
-        Once more from where that has come to, if it has gone far.
+        Once more from where that has come to, if it has gone far; and once more with what may only have made up for
+        other values on the way put back: what began at an end of its range, where a law is simpler, and nuisances
+        that are far off.
         """
-        problem, point = rough.problem, rough.point
+        fit = self._descended(rough.hypothesis, rough.problem, rough.point, evaluations)
+        for put_back in (_ends, _strained):
+            point = put_back(fit)
+            if not np.array_equal(point, fit.point):
+                again = self._descended(rough.hypothesis, rough.problem, point, evaluations)
+                fit = min(fit, again, key=lambda one: one.cost)
+        rows = fit.problem.residuals(fit.point[None])[0]
+        reached = Descent(fit.point, rows, fit.slopes, fit.cost)
+        return as_fit(rough.hypothesis, fit.problem, searched(fit.problem, reached, own_columns(fit.problem)))
+
+    def _descended(self, hypothesis: Hypothesis, problem: WhitenedProblem, point: np.ndarray, evaluations: int) -> Fit:
         for _ in range(2):
             problem = problem.corrected(problem.step_errors(point))
             found = descend(problem, point, Derivative(problem, own_columns(problem)), evaluations=evaluations)
             point = found.point
             if found.rows @ found.rows > _GONE_FAR * found.began:
                 break
-        return as_fit(rough.hypothesis, problem, found)
+        return as_fit(hypothesis, problem, found)
 
     def together(self, fits: Sequence[Fit], evaluations: int) -> list[Fit]:
         """Several effects that were found one after another, fitted at once; the same fit seen from each of them."""
@@ -181,3 +215,20 @@ class PartFit:
         known = {k.name: u for k, u in zip(fit.problem.knobs, fit.point, strict=True)}
         point = np.array([known[k.name] for k in knobs])
         return [rows[0] for rows in problem.joint_residuals(point[None])]
+
+
+def _ends(fit: Fit) -> np.ndarray:
+    """(p,) the fit's point with those of its effect's parameters that began at an end of their range back there."""
+    point = fit.point.copy()
+    for index, knob in fit.own_knobs:
+        begun = knob.coordinate(knob.start)
+        if begun in (0.0, 1.0):
+            point[index] = begun
+    return point
+
+
+def _strained(fit: Fit) -> np.ndarray:
+    """(p,) the fit's point with the nuisances that are far from their priors back where they start."""
+    strains = fit.strains
+    far = [knob.prior is not None and abs(strains[knob.name]) > SUSPECT_SIGMA for knob in fit.problem.knobs]
+    return np.where(far, fit.problem.start, fit.point)

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from twin_daemon.diagnosis.candidates import Hypothesis
+import numpy as np
+
+from twin_daemon.diagnosis.candidates import Hypothesis, informed
 from twin_daemon.diagnosis.descent import Derivative, descend
 from twin_daemon.diagnosis.fit import Fit, as_fit, own_columns
 from twin_daemon.diagnosis.intervals import knob_interval, unit_sigmas
-from twin_daemon.diagnosis.nuisances import nuisance_knobs
+from twin_daemon.diagnosis.nuisances import beside, nuisance_knobs
 from twin_daemon.diagnosis.reduced import Reduction
 from twin_daemon.diagnosis.segments import segments
 from twin_daemon.diagnosis.whitened import WhitenedProblem, floor_and_corrections
@@ -81,7 +83,7 @@ def refit_effect(
             )
         small, pieces = _pieces(twin, reduction, recordings, joints, whole=own == ["hand"])
         hypotheses = [_hypothesis(small, effect, target, joints[0], start) for target in own]
-        best = _fit(small, pieces, hypotheses, given, joints)
+        best = _fit(small, pieces, hypotheses, given, joints, guess=start is None)
         parameters |= best.problem.settings(best.point)[0]
         for hypothesis in hypotheses:
             term, found = _read(best, hypothesis)
@@ -137,11 +139,20 @@ def _fit(
     hypotheses: Sequence[Hypothesis],
     given: Mapping[str, float],
     joints: Sequence[str],
+    *,
+    guess: bool = False,
 ) -> Fit:
-    """The best descent of the hypotheses' parameters, together, and of all that is uncertain."""
+    """The best descent of the hypotheses' parameters, together, and of all that is uncertain.
+
+    With `guess` from the starts that the error without them suggests, where an effect has such.
+    """
     floor, corrections = floor_and_corrections(small, pieces, (), joints)
+    if guess:
+        without = WhitenedProblem(small, pieces, (), joints, floor, corrections=corrections)
+        gaps = [gap[0] for gap in without.joint_residuals(np.zeros((1, 0)))]
+        hypotheses = [informed(h, small, pieces, joints, gaps) for h in hypotheses]
     spoken = {name for h in hypotheses for name in h.speaks_for(small)}
-    nuisances = tuple(k for k in nuisance_knobs(small, pieces, joints) if k.name not in spoken)
+    nuisances = beside(nuisance_knobs(small, pieces, joints), spoken)
     offsets = {joint for h in hypotheses for joint in h.holds_offset()}
     trials = []
     for number in range(max((len(h.starts) for h in hypotheses), default=1)):

@@ -5,12 +5,14 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
-from twin_daemon.diagnosis.candidates import Hypothesis
+from twin_daemon.diagnosis.candidates import Hypothesis, informed
 from twin_daemon.diagnosis.descent import Derivative, descend, differenced, one_step
 from twin_daemon.diagnosis.fit import Rough, Start, own_columns
+from twin_daemon.diagnosis.nuisances import factors
 from twin_daemon.diagnosis.partfit import PartFit
 from twin_daemon.diagnosis.whitened import WhitenedProblem
 from twin_daemon.errors import BadInput
@@ -93,8 +95,12 @@ class Screening:
     @property
     def cost(self) -> float:
         """What the nuisances alone reach on the motion that is screened."""
-        base = self._anchors[None]
-        return base.left(base.basis())[0]
+        return self.left_at(None)
+
+    def left_at(self, anchor: frozenset[str] | None) -> float:
+        """What the nuisances alone reach from one of their points, to first order."""
+        found = self._anchors[anchor]
+        return found.left(found.basis())[0]
 
     @property
     def floor_cost(self) -> float:
@@ -110,6 +116,7 @@ class Screening:
         step, because a change is a difference of two roll-outs, which share its error.
         """
         found: list[Start] = []
+        hypothesis = informed(hypothesis, self._part.twin, self._part.recordings, self._part.joints, self._gaps)
         spoken = hypothesis.speaks_for(self._part.twin)
         dropped = tuple(i for i, knob in enumerate(self._part.knobs) if knob.name in spoken)
         own = self._part.group_of(hypothesis.target)
@@ -124,7 +131,8 @@ class Screening:
                     cost, amount = anchor.left(anchor.basis(dropped), change)
                     if np.isfinite(cost):
                         found.append(Start(hypothesis, hypothesis.along(values, amount), group, cost))
-        scales = {k.name: k.value(u) for k, u in zip(self._part.knobs, self._part.base.point, strict=True)}
+        turned = {k.name: k.value(u) for k, u in zip(self._part.knobs, self._part.base.point, strict=True)}
+        scales = factors(self._part.knobs, turned)
         pull = sum(self._part.base.strains[self._part.knobs[i].name] ** 2 for i in dropped)
         for values in hypothesis.freed(self._part.twin, scales):
             found.append(Start(hypothesis, values, None, self.cost - pull))
@@ -134,12 +142,16 @@ class Screening:
             found.append(Start(hypothesis, hypothesis.effect.complete(values), None, 0.5 * self.cost))
         return sorted(found, key=lambda start: start.expected)
 
+    @cached_property
+    def _gaps(self) -> list[np.ndarray]:
+        """(n, k) rad a recording: measured minus predicted where the nuisances alone fit best."""
+        return [gap[0] for gap in self._part.problem.joint_residuals(self._part.base.point[None])]
+
     def _mean_residual(self, joint: str) -> float:
         """rad: what a joint reads beyond its prediction, on average over all motion."""
         column = self._part.joints.index(joint)
-        gaps = self._part.problem.joint_residuals(self._part.base.point[None])
         known = [np.isfinite(r.measured[:, self._part.twin.joints.index(joint)]) for r in self._part.recordings]
-        return float(np.concatenate([g[0][k, column] for g, k in zip(gaps, known, strict=True)]).mean())
+        return float(np.concatenate([g[k, column] for g, k in zip(self._gaps, known, strict=True)]).mean())
 
     def _screening_problem(self, twin: TwinModel, knobs: Sequence[Knob], offset_held: Sequence[str]) -> WhitenedProblem:
         return WhitenedProblem(
@@ -200,9 +212,14 @@ class Screening:
         data = len(anchor.columns) - len(self._part.knobs)
         slopes = np.zeros((data + len(priors), len(problem.knobs)))
         columns = {k.name: i for i, k in enumerate(self._part.knobs)}
+        whole = {k.name: k for k in self._part.knobs}
         for index, knob in enumerate(problem.knobs):
             if knob.prior is not None:
                 slopes[:data, index] = anchor.columns[:data, columns[knob.name]]
+                # what it no longer turns beside this candidate no longer moves with it
+                for kind, *where in whole[knob.name].writes[1:]:
+                    if kind == "parameter" and (kind, *where) not in knob.writes and where[0] in columns:
+                        slopes[:data, index] -= anchor.columns[:data, columns[where[0]]]
         slopes[data:] = priors
         return slopes
 

@@ -85,7 +85,7 @@ class Scale:
 class Parameter:
     """One number of an effect. At `neutral` the effect changes nothing; `default` is a typical visible value.
 
-    `held` says that fits leave it as it is set: it counts something, and an error has many hollows over it.
+    `held` says that fits stay near where it is set: it counts something, and an error has many hollows over it.
     """
 
     name: str
@@ -149,6 +149,13 @@ class Effect(ABC):
 
         Effects such as backlash or dry friction are not smooth at zero: a fit that starts there goes nowhere.
         """
+
+    def suggested(self, scale: Scale, angle: np.ndarray, gap: np.ndarray) -> tuple[dict[str, float], ...]:
+        """Starts that data suggest, instead of the usual ones; none where the effect has nothing to read off.
+
+        `angle` (n,) rad is what the effect's place measured, `gap` (n,) rad that minus what was predicted.
+        """
+        return ()
 
     def complete(self, values: Mapping[str, float]) -> dict[str, float]:
         """The values by name with defaults filled in. Raises BadInput on unknown names or unphysical values."""

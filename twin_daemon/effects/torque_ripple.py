@@ -10,6 +10,10 @@ import numpy as np
 from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
 from twin_daemon.effects.edits import add_passive_motor
 
+_FEWEST, _MOST = 3.0, 120.0  # waves a turn that are looked for
+_LEAST_TRAVEL_RAD = 0.2
+_PEAKS = 4
+
 
 class TorqueRipple(Effect):
     """Torque amplitude * sin(periods * angle + phase): cogging of a `dcmotor` without input, beside the servo."""
@@ -36,6 +40,29 @@ class TorqueRipple(Effect):
         motor = add_passive_motor(spec, f"{place.actuator}_ripple", servo.trntype, servo.target)
         motor.gear = servo.gear
         motor.biasprm = np.array([values["amplitude"], values["periods"], values["phase"], *np.zeros(7)])
+
+    def suggested(self, scale: Scale, angle: np.ndarray, gap: np.ndarray) -> tuple[dict[str, float], ...]:
+        """The highest peaks of the gap's least-squares spectrum over the angle (Lomb 1976).
+
+        The servo is a spring, so that a torque shows as its part of the stiffness, wherever motion is slow.
+        """
+        limit = 3.0 * float(np.median(np.abs(gap - np.median(gap)))) + 1e-9
+        gap = np.clip(gap - np.median(gap), -limit, limit)
+        travel = float(np.ptp(angle))
+        if travel < _LEAST_TRAVEL_RAD:
+            return ()
+        step = 0.25 * 2.0 * np.pi / travel
+        fewest = max(_FEWEST, 2.0 * np.pi / travel)  # less than a wave over the travel is a spring
+        found = []
+        for periods in np.arange(fewest, _MOST, step):
+            waves = np.stack([np.sin(periods * angle), np.cos(periods * angle), np.ones_like(angle)], axis=1)
+            (sine, cosine, _), *_ = np.linalg.lstsq(waves, gap, rcond=None)
+            found.append((float(np.hypot(sine, cosine)), float(np.arctan2(cosine, sine)), float(periods)))
+        size = np.array([height for height, _, _ in found])
+        beside = np.pad(size, 1)
+        peaks = np.flatnonzero((size >= beside[:-2]) & (size >= beside[2:]))
+        best = peaks[np.argsort(-size[peaks])][:_PEAKS]
+        return tuple({"amplitude": scale.kp * found[i][0], "phase": found[i][1], "periods": found[i][2]} for i in best)
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
         weak = 0.01 * scale.kp

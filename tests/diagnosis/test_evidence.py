@@ -1,0 +1,75 @@
+"""What a diagnosis may conclude from what is left, what has moved, and what the motion could have shown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from tests.diagnosis.conftest import JOINT, called
+from twin_daemon.diagnosis.conclude import Outcome, conclude
+from twin_daemon.diagnosis.descent import Descent, searched
+from twin_daemon.diagnosis.nuisances import beside, factors, nuisance_knobs
+from twin_daemon.diagnosis.whitened import WhitenedProblem
+from twin_daemon.fitting.knobs import Knob
+from twin_daemon.signals.trajectory import Trajectory, load_trajectory
+from twin_daemon.simulation.twin import TwinModel
+
+
+def test_a_slow_closing_shows_too_little_to_call_a_hand_sound(
+    recorded: Callable[..., Path], tmp_path: Path, hand: Any
+) -> None:
+    closing = Trajectory(
+        "slow", (JOINT,), np.array([0.0, 0.5, 3.5, 6.5, 7.0]), np.array([[0.0], [0.0], [1.4], [0.0], [0.0]])
+    )
+    fitted, held = (str(recorded(f"slow_{seed}", closing, seed=seed)) for seed in (1, 2))
+    said = called(
+        "diagnose", "--recording", fitted, "--holdout", held, "--joints", JOINT, result=tmp_path / "slow.json"
+    )
+    assert (said["verdict"], said["findings"]) == ("not_excited", [])
+    assert "armature" in said["reason"]
+    assert "steps" in said["reason"]
+    assert JOINT in load_trajectory(said["next_experiment"]["trajectory"], hand).joints
+
+
+@pytest.mark.parametrize(("sigma", "verdict"), [(8.7, "unexplained"), (4.5, "within_noise")])
+def test_a_parameter_beyond_any_plausible_hand_is_no_noise(twin: TwinModel, sigma: float, verdict: str) -> None:
+    outcome = Outcome("FF", (JOINT,), 0.4, {f"{JOINT}.armature": sigma}, left=0.3)
+    said = conclude(twin, (), [outcome], (), False)
+    assert said.verdict == verdict
+    assert (f"{JOINT}.armature" in said.reason) == (verdict == "unexplained")
+
+
+@pytest.mark.parametrize(("parts", "verdict"), [(("poor",), "not_excited"), (("poor", "rich"), "within_noise")])
+def test_one_part_that_moved_richly_makes_a_hand_sound(twin: TwinModel, parts: tuple[str, ...], verdict: str) -> None:
+    outcomes = [Outcome(name, (JOINT,), 0.5, {}, quiet=True) for name in parts]
+    outcomes[0].unseen = [f"armature:{JOINT}", f"actuator_lag:{JOINT}"]
+    assert conclude(twin, (), outcomes, (), False).verdict == verdict
+
+
+def test_an_effects_value_counts_from_what_the_model_states(twin: TwinModel) -> None:
+    knobs = nuisance_knobs(twin, (), (JOINT,))
+    values = {knob.name: 1.5 if knob.name == f"{JOINT}.kp" else 2.0 for knob in knobs}
+    assert factors(knobs, values)[f"{JOINT}.armature"] == 3.0
+    left = beside(knobs, {f"{JOINT}.armature"})
+    assert {k.name for k in knobs} - {k.name for k in left} == {f"{JOINT}.armature"}
+    assert f"{JOINT}.armature" not in factors(left, values)
+    assert factors(left, values)[f"{JOINT}.damping"] == 3.0
+
+
+def test_a_pattern_search_gets_across_corners_at_which_a_descent_ends() -> None:
+    def residuals(points: np.ndarray) -> np.ndarray:
+        away = points[:, 0] - 0.5
+        return np.stack([away + 0.004 * np.sin(400.0 * away), points[:, 1] - 2.0 * away - 0.3], axis=1)
+
+    knobs = [Knob(name, "1", 0.0, 1.0, 0.5, False, writes=()) for name in ("effect:there.size", "nuisance")]
+    problem = cast("WhitenedProblem", SimpleNamespace(knobs=knobs, residuals=residuals))
+    start = np.array([0.44, 0.0])
+    stopped = Descent(start, residuals(start[None])[0], np.array([[0.0, 0.0], [0.0, 1.0]]), 1.0)
+    reached = searched(problem, stopped, (0,))
+    assert reached.point == pytest.approx([0.5, 0.3], abs=0.01)
+    assert reached.rows @ reached.rows < 1e-4
