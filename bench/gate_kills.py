@@ -57,7 +57,7 @@ def teleoperate(endpoint: str, keys: str) -> None:
 class Scene:
     """The three processes, and a watcher of what is sent to the hand."""
 
-    def __init__(self, folder: Path, port: int, host: str, netns: str | None) -> None:
+    def __init__(self, folder: Path, port: int, host: str, netns: str | None, rate_hz: str = "125") -> None:
         self.endpoint = f"tcp/{host}:{port}"
         self._folder = folder
         environment = {**os.environ, "TWIN_ENDPOINT": self.endpoint, "TWIN_STATE_DIR": str(folder)}
@@ -67,7 +67,7 @@ class Scene:
         self.moves: list[tuple[float, np.ndarray]] = []
         self.start("daemon", [sys.executable, "-c", _MAIN, "run"])
         inside = ["ip", "netns", "exec", netns] if netns else []
-        self.start("hand", [*inside, sys.executable, "-c", _MAIN, "hand", "--trajectory", "none"])
+        self.start("hand", [*inside, sys.executable, "-c", _MAIN, "hand", "--trajectory", "none", "--rate", rate_hz])
         keys = folder / "keys.json"
         while not keys.exists():
             time.sleep(0.02)
@@ -149,10 +149,11 @@ def namespace() -> Iterator[str | None]:
         subprocess.run(["ip", "netns", "del", _NETNS], capture_output=True, check=False)
 
 
-def latency(times: int = 500) -> list[float]:
-    """Seconds from an operator's streamed target to the command on the hand's key, on a quiet scene."""
+def latency(times: int = 500) -> tuple[list[float], dict[str, float]]:
+    """Seconds from an operator's streamed target to the command on the hand's key, beside joint states at 1 kHz; and
+    what a target and a turn of the gate cost."""
     with tempfile.TemporaryDirectory() as folder:
-        scene = Scene(Path(folder), _free_port(), "127.0.0.1", None)
+        scene = Scene(Path(folder), _free_port(), "127.0.0.1", None, "1000")
         try:
             scene.moving()
             scene.processes["commander"].kill()
@@ -174,7 +175,7 @@ def latency(times: int = 500) -> list[float]:
                     time.sleep(0.0002)
                 found.append(scene.moves[before][0] - asked_s if len(scene.moves) > before else 1.0)
             publisher.undeclare()
-            return found
+            return found, commander.status()["cost"]
         finally:
             scene.close()
 
@@ -192,8 +193,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--times", type=int, default=50, help="in all, shared between the kinds of loss")
     arguments = parser.parse_args()
-    delays = 1e3 * np.array(latency())
-    half, most = np.quantile(delays, [0.5, 0.99])
+    delays, cost = latency()
+    half, most = 1e3 * np.quantile(delays, [0.5, 0.99])
+    for what in ("request", "turn"):
+        print(f"gate, {what}: p50 {cost[f'{what}_p50_s'] * 1e6:.0f}, p99 {cost[f'{what}_p99_s'] * 1e6:.0f} us")
     turn_ms = 1e3 / SETTINGS.rate_hz
     print(f"operator to hand: p50 {half:.1f}, p99 {most:.1f} ms of {len(delays)} targets; a turn is {turn_ms:.0f} ms")
     losses = [f"{who} {how}" for who in ("commander", "daemon", "hand") for how in ("killed", "stopped")]

@@ -7,6 +7,7 @@ import json
 import logging
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from queue import Empty, SimpleQueue
 from typing import Any
@@ -104,6 +105,7 @@ class Gatekeeper:
         self._others = {"status": lambda _payload, _proof: self.status(), **(others or {})}
         self._key = lambda verb: description.key("command", verb=verb)
         self._guard = Guard(log)
+        self._spent_s = {what: deque[float](maxlen=2000) for what in ("turn", "request")}
         self._outlet = Outlet(session, description)
         self._stop, self._wake = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._turns, name="twin-gate", daemon=True)
@@ -115,7 +117,8 @@ class Gatekeeper:
 
     def status(self) -> dict[str, Any]:
         """The gate's state, as `command/status` tells it to anybody."""
-        return {"schema": 1, **self.gate.status(time.monotonic()), "errors": self._guard.errors}
+        cost_s = {f"{what}_{name}_s": value for what, spent in self._spent_s.items() for name, value in _told(spent)}
+        return {"schema": 1, **self.gate.status(time.monotonic()), "errors": self._guard.errors, "cost": cost_s}
 
     def close(self) -> None:
         """Ends what is under way, lets it come to rest, and withdraws."""
@@ -148,6 +151,7 @@ class Gatekeeper:
         self._guard.run("a streamed target", self._answer, "target", sample.payload.to_bytes(), proof)
 
     def _answer(self, verb: str, payload: bytes, proof: Proof | None) -> dict[str, Any]:
+        began_s = time.thread_time()  # the processor's time: what others take of the machine is theirs
         if verb in self._others:
             return self._others[verb](payload, proof)
         if verb not in KINDS:
@@ -159,6 +163,8 @@ class Gatekeeper:
         who = self._keyring.who(verb, payload, proof)
         answer = self.gate.ask(verb, request, who, time.monotonic(), time.time_ns())
         self._wake.set()
+        if verb == "target":
+            self._spent_s["request"].append(time.thread_time() - began_s)
         self._guard.run("the events", self._register.tell)
         if answer["accepted"] and verb not in ("target", "beat"):
             self._guard.run("the audit log", self._register.sync)
@@ -186,14 +192,23 @@ class Gatekeeper:
             time.sleep(max(next_s - time.monotonic(), 0.0))
 
     def _turn(self, now_s: float) -> None:
+        began_s = time.thread_time()
         try:
             command = self.gate.turn(now_s, time.time_ns())
             if command is not None:
                 self._outlet.send(command)
+                self._spent_s["turn"].append(time.thread_time() - began_s)
             self._register.tell()
         except Exception as error:
             self._guard.failed("a turn of the gate", error)
             self.gate.fault(f"the gate failed: {error!r:.200}", now_s)
+
+
+def _told(spent_s: deque[float]) -> list[tuple[str, float | None]]:
+    ordered = sorted(spent_s.copy())
+    return [
+        (name, ordered[int(q * (len(ordered) - 1))] if ordered else None) for name, q in (("p50", 0.5), ("p99", 0.99))
+    ]
 
 
 def _refused(verb: str, check: str, why: str, allowed: str) -> dict[str, Any]:

@@ -25,7 +25,7 @@ class Limits:
 
     def clip(self, position: np.ndarray) -> np.ndarray:
         """Targets (c,) inside the bounds."""
-        return np.clip(position, self.lower, self.upper)
+        return np.minimum(np.maximum(position, self.lower), self.upper)
 
 
 def limits_of(hand: Hand, settings: GateSettings) -> Limits:

@@ -42,7 +42,8 @@ class Preview:
         self._address = np.array([_address(self._model, hand, joint) for joint in twin.joints], dtype=int)
         index = {joint: i for i, joint in enumerate(twin.joints)}
         driven = [[index[joint] for joint in info.joints] for info in hand.description.commands.values()]
-        self._single = [(c, joints[0]) for c, joints in enumerate(driven) if len(joints) == 1]
+        single = [(c, joints[0]) for c, joints in enumerate(driven) if len(joints) == 1]
+        self._alone, self._joint = np.array(single, dtype=int).reshape(len(single), 2).T
         self._shared = [
             (c, joints, [hand.joint_range_rad[twin.joints[j]] for j in joints])
             for c, joints in enumerate(driven)
@@ -83,9 +84,8 @@ class Preview:
 
     def _poses(self, measured: np.ndarray, targets: np.ndarray) -> list[np.ndarray]:
         pose = np.where(np.isfinite(measured), measured, 0.0)
-        for command, joint in self._single:
-            if np.isfinite(targets[command]):
-                pose[joint] = targets[command]
+        alone = targets[self._alone]
+        pose[self._joint] = np.where(np.isfinite(alone), alone, pose[self._joint])
         shared = [entry for entry in self._shared if np.isfinite(targets[entry[0]])]
         if not shared:
             return [pose]
@@ -102,7 +102,6 @@ class Preview:
         model, data = self._model, self._data
         data.qpos[self._address] = pose
         mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
         mujoco.mj_collision(model, data)
         found: dict[tuple[int, int], float] = {}
         for contact in range(data.ncon):

@@ -47,29 +47,27 @@ class Shaper:
 
     def toward(self, target: np.ndarray, dt_s: float) -> tuple[np.ndarray, np.ndarray]:
         """Position and velocity one turn later, towards `target` (c,); NaN there means: come to rest."""
-        limits, velocity = self._limits, self.velocity
+        limits, velocity, given = self._limits, self.velocity, self.given
         change = limits.acceleration * dt_s
-        away = np.where(np.isfinite(target), target - self.position, 0.0)
-        wanted = np.copysign(np.minimum(self._braking(np.abs(away), dt_s), limits.velocity), away)
-        wanted = np.clip(wanted, velocity - change, velocity + change)
+        aims = np.isfinite(target)
+        away = np.where(aims, target - self.position, 0.0)
+        wanted = np.copysign(np.minimum(self._braking(np.abs(away), change), limits.velocity), away)
+        wanted = np.minimum(np.maximum(wanted, velocity - change), velocity + change)
         # a target may have turned round; the bounds of the joint are still never passed
-        wanted = np.clip(
-            wanted,
-            -self._braking(self.position - limits.lower, dt_s),
-            self._braking(limits.upper - self.position, dt_s),
-        )
-        wanted = np.where(self.given, wanted, 0.0)
-        position = np.where(self.given, limits.clip(self.position + wanted * dt_s), np.nan)
+        wanted = np.maximum(wanted, -self._braking(self.position - limits.lower, change))
+        wanted = np.minimum(wanted, self._braking(limits.upper - self.position, change))
+        wanted = np.where(given, wanted, 0.0)
+        position = limits.clip(self.position + wanted * dt_s)
         # the last nanoradian, which would otherwise be halved for ever
-        there = (np.abs(away) <= _THERE_RAD) & (np.abs(velocity) <= change) & np.isfinite(target)
-        return np.where(there, limits.clip(target), position), np.where(there, 0.0, wanted)
+        there = aims & (np.abs(away) <= _THERE_RAD) & (np.abs(velocity) <= change)
+        if there.any():
+            position, wanted = np.where(there, limits.clip(target), position), np.where(there, 0.0, wanted)
+        return np.where(given, position, np.nan), wanted
 
     def take(self, position: np.ndarray, velocity: np.ndarray) -> None:
         """Makes what `toward` proposed the setpoints."""
         self.position, self.velocity = position, velocity
 
-    def _braking(self, distance: np.ndarray, dt_s: float) -> np.ndarray:
-        """The greatest v with v dt + v^2 / 2a <= distance."""
-        change = self._limits.acceleration * dt_s
-        room = np.maximum(np.nan_to_num(distance, nan=0.0), 0.0)
-        return np.sqrt(change**2 + 2.0 * self._limits.acceleration * room) - change
+    def _braking(self, distance: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """The greatest v with v dt + v^2 / 2a <= distance, for a dt = `change`; 0 where there is no room."""
+        return np.sqrt(change * change + 2.0 * self._limits.acceleration * np.fmax(distance, 0.0)) - change
