@@ -42,7 +42,7 @@ def test_the_story_of_two_versions(versions: list[Version], tmp_path: Path, caps
     assert shown["parameters"]["FFJ3.damping"]["unit"] == "N m s/rad"
     assert answer(capsys, "diff", "previous", "current")["differences"]["parameters"][0]["ratio"] == pytest.approx(11)
     assert answer(capsys, "rollback")["current"] == first
-    exported = answer(capsys, "export", "candidate", "-o", str(tmp_path / "twin.xml"))
+    exported = answer(capsys, "export", second[:8], "-o", str(tmp_path / "twin.xml"))
     assert exported["version"] == second
     assert mujoco.MjModel.from_xml_path(exported["path"]).njnt == 1
     assert {first, second} <= set(answer(capsys, "verify")["intact"])

@@ -99,5 +99,5 @@ def test_a_reader_never_sees_half_a_version(tmp_path: Path) -> None:
 
 def test_a_writer_that_hangs_keeps_no_reader_out(store: VersionStore, draft: Callable[..., Draft], mjcf: str) -> None:
     version = store.add(draft(), mjcf)
-    with store._writing():
+    with store.writing():
         assert store.list() == [version]

@@ -1,0 +1,204 @@
+"""Can a kill -9 at any moment harm the version store? A child stores, promotes, rolls back, notes and prunes until it dies.
+
+python -m bench.store_kill [--kills 1000] [--seed 1] [--folder DIR]
+
+After each kill the store is verified from its files, every version whose storing returned must be there (or have been
+pruned by a decision), and the names must be those of the last operation that returned or of the one that was cut off.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import select
+import signal
+import tempfile
+import time
+import traceback
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from twin_daemon.versions import Draft, VersionStore
+from twin_daemon.versions.prune import Policy, prune
+from twin_daemon.versions.verify import verify
+
+_MODEL = "<mujoco model='hand'/>" * 400
+_POLICY = Policy(keep=6, older_than_days=0.0)
+_LONGEST_WAIT_S = 60.0
+
+
+@dataclass
+class Expected:
+    """What the operations that returned come to, and the one that had begun when the process was killed."""
+
+    promoted: list[str] = field(default_factory=list)
+    candidate: str | None = None
+    stored: set[str] = field(default_factory=set)
+    begun: dict[str, str] | None = None
+
+    def returned(self, operation: dict[str, str]) -> None:
+        self.begun = None
+        version = operation.get("version", "")
+        match operation["what"]:
+            case "add":
+                self.stored.add(version)
+                self.candidate = version
+            case "promote":
+                if self.promoted[-1:] != [version]:
+                    self.promoted.append(version)
+                self.candidate = None if self.candidate == version else self.candidate
+            case "rollback":
+                self.promoted.pop()
+
+    def names(self) -> dict[str, str]:
+        names = dict(zip(("current", "previous"), reversed(self.promoted), strict=False))
+        return names if self.candidate is None else {**names, "candidate": self.candidate}
+
+
+@dataclass
+class Outcome:
+    """How many kills, what was cut off by them, how many operations had returned, and everything that was wrong."""
+
+    kills: int = 0
+    cut_off: Counter[str] = field(default_factory=Counter)
+    returned: int = 0
+    wrong: list[str] = field(default_factory=list)
+
+
+def run(root: Path, kills: int, seed: int = 1) -> Outcome:
+    """Kill so many writers of the store in `root`, one after another."""
+    moments, outcome, expected = random.Random(seed), Outcome(), Expected()
+    store = VersionStore("hand", root=root, shipped=root / "none")
+    for kill in range(kills):
+        _one(root, kill, moments, expected, outcome)
+        outcome.kills += 1
+        outcome.wrong += [f"kill {kill}: {problem}" for problem in _judge(store, expected, outcome)]
+    return outcome
+
+
+def _one(root: Path, kill: int, moments: random.Random, expected: Expected, outcome: Outcome) -> None:
+    """Start a writer, let some operations return, kill it somewhere in the next."""
+    reader, writer = os.pipe()
+    child = os.fork()
+    if child == 0:
+        os.close(reader)
+        _work(root, kill, writer)
+    os.close(writer)
+    wanted, began, buffer = moments.randint(0, 5), time.monotonic(), b""
+    pause_s = moments.uniform(0.0, 0.03)
+    killed_at: float | None = None
+    while True:
+        if killed_at is None and wanted <= 0:
+            killed_at = time.monotonic() + pause_s
+        if killed_at is not None and time.monotonic() >= killed_at or time.monotonic() - began > _LONGEST_WAIT_S:
+            break
+        ready, _, _ = select.select([reader], [], [], 0.001)
+        if ready:
+            chunk = os.read(reader, 65536)
+            if not chunk:
+                outcome.wrong.append(f"the writer before kill {kill} ended by itself")
+                break
+            wanted -= chunk.count(b'"returned"')
+            buffer = _heard(buffer + chunk, expected, outcome)
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    while chunk := os.read(reader, 65536):
+        buffer += chunk
+    _heard(buffer, expected, outcome)
+    os.close(reader)
+
+
+def _heard(buffer: bytes, expected: Expected, outcome: Outcome) -> bytes:
+    """Take in whole lines; the rest is returned."""
+    *lines, rest = buffer.split(b"\n")
+    for line in lines:
+        said = json.loads(line)
+        if said["when"] == "begun":
+            expected.begun = said
+        else:
+            expected.returned(said)
+            outcome.returned += 1
+    return rest
+
+
+def _judge(store: VersionStore, expected: Expected, outcome: Outcome) -> list[str]:
+    outcome.cut_off[expected.begun["what"] if expected.begun else "nothing"] += 1
+    found = verify(store)
+    wrong = list(found.problems)
+    there = {*found.intact, *found.pruned}
+    wrong += [f"{version[:12]} was stored and is gone" for version in expected.stored - there]
+    names = store.aliases()
+    if names != expected.names():
+        cut = expected.begun
+        if cut is not None and cut["what"] == "add":  # its id was not known before it was stored
+            cut = {**cut, "version": names.get("candidate", "")}
+        if cut is not None and (cut["what"] != "rollback" or expected.promoted):
+            expected.returned(cut)
+        if names != expected.names():
+            wrong.append(f"the names are {names}, expected {expected.names()} after {cut}")
+    expected.begun = None
+    return wrong
+
+
+def _work(root: Path, kill: int, writer: int) -> None:
+    """In the child: operations for ever, each announced before and after. Ends the process, whatever happens."""
+    try:
+        dice = random.Random(kill)
+        store = VersionStore("hand", root=root, shipped=root / "none")
+        number = 0
+        while True:
+            what = dice.choices(("add", "promote", "rollback", "prune", "note"), (4, 3, 2, 2, 1))[0]
+            names = store.aliases()
+            if (what == "rollback" and "previous" not in names) or not (names or what == "add"):
+                continue
+            target = names.get("candidate", names.get("current", ""))
+            _say(writer, "begun", what, target)
+            if what == "add":
+                number += 1
+                draft = Draft(
+                    hand="hand",
+                    kind="calibrated",
+                    terms={"kill": kill, "number": number},
+                    parent=names.get("current"),
+                )
+                target = store.add(draft, f"<!-- {number} -->{_MODEL}", alias="candidate").id
+            elif what == "promote":
+                store.promote(target)
+            elif what == "rollback":
+                store.rollback()
+            elif what == "note":
+                store.note(target, f"noted before kill {kill}")
+            else:
+                prune(store, _POLICY)
+            _say(writer, "returned", what, target)
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        os._exit(1)
+
+
+def _say(writer: int, when: str, what: str, version: str) -> None:
+    os.write(writer, json.dumps({"when": when, "what": what, "version": version}).encode() + b"\n")
+
+
+def main() -> None:
+    """Prints what was cut off and what was wrong; ends with 1 if anything was."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--kills", type=int, default=1000)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--folder", type=Path, help="where to put the store; a folder of its own by default")
+    chosen = parser.parse_args()
+    with tempfile.TemporaryDirectory(dir=chosen.folder) as folder:
+        began = time.monotonic()
+        outcome = run(Path(folder) / "hand", chosen.kills, chosen.seed)
+        print(f"{outcome.kills} kills in {time.monotonic() - began:.0f} s, {outcome.returned} operations had returned")
+        print("cut off: " + ", ".join(f"{what} {count}" for what, count in outcome.cut_off.most_common()))
+        print(f"{len(outcome.wrong)} wrong", *outcome.wrong, sep="\n  ")
+        raise SystemExit(1 if outcome.wrong else 0)
+
+
+if __name__ == "__main__":
+    main()
