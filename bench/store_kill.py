@@ -1,4 +1,4 @@
-"""Can a kill -9 at any moment harm the version store? A child stores, promotes, rolls back, notes and prunes until it dies.
+"""Can a kill -9 at any moment harm the version store? A child stores, promotes, goes back and prunes until it dies.
 
 python -m bench.store_kill [--kills 1000] [--seed 1] [--folder DIR]
 
@@ -93,7 +93,7 @@ def _one(root: Path, kill: int, moments: random.Random, expected: Expected, outc
     while True:
         if killed_at is None and wanted <= 0:
             killed_at = time.monotonic() + pause_s
-        if killed_at is not None and time.monotonic() >= killed_at or time.monotonic() - began > _LONGEST_WAIT_S:
+        if (killed_at is not None and time.monotonic() >= killed_at) or time.monotonic() - began > _LONGEST_WAIT_S:
             break
         ready, _, _ = select.select([reader], [], [], 0.001)
         if ready:

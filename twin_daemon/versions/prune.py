@@ -49,7 +49,7 @@ def plan(store: VersionStore, policy: Policy) -> tuple[Choice, ...]:
     whole = _reasons(store, versions, policy)
     above = ancestors(whole, found.versions)
     if policy.ancestors == "whole":
-        whole |= {version: "ancestor" for version in above - whole.keys()}
+        whole |= dict.fromkeys(above - whole.keys(), "ancestor")
     promoted = _ever_promoted(store.ledger)
     choices = []
     for version in versions:
@@ -67,7 +67,7 @@ def plan(store: VersionStore, policy: Policy) -> tuple[Choice, ...]:
 
 
 def prune(store: VersionStore, policy: Policy) -> tuple[Choice, ...]:
-    """Do what `plan` says, alone among writers. It is decided in one step; a process that dies leaves more, never less."""
+    """Do what `plan` says, alone among writers. It is decided in one step; who dies on the way has pruned less."""
     if not store.root.is_dir():
         return ()
     with store.writing():
@@ -77,11 +77,11 @@ def prune(store: VersionStore, policy: Policy) -> tuple[Choice, ...]:
         if not removed and not stubbed:
             return choices
         store.ledger.decide("pruned", removed=removed, stubbed=stubbed)
-        with store.shelf.scratch() as hidden:
-            for version in removed:
-                (store.shelf.folders / version).rename(hidden / version)
-            for version in stubbed:
-                strip_folder(store.shelf.folders / version, hidden)
+        store.shelf.remove(removed)  # first: it needs no room, and the stubs need a little
+        if stubbed:
+            with store.shelf.scratch() as hidden:
+                for version in stubbed:
+                    strip_folder(store.shelf.folders / version, hidden)
     store.everything()  # the index forgets what is gone
     return choices
 
@@ -101,7 +101,8 @@ def _reasons(store: VersionStore, versions: list[Version], policy: Policy) -> di
     for version in versions:
         if datetime.fromisoformat(version.created) >= oldest_kept:
             reasons[version.id] = f"younger than {policy.older_than_days:g} days"
-    reasons |= {version.id: f"among the newest {policy.keep}" for version in versions[max(0, len(versions) - policy.keep) :]}
+    newest = versions[max(0, len(versions) - policy.keep) :]
+    reasons |= {version.id: f"among the newest {policy.keep}" for version in newest}
     reasons |= dict.fromkeys(names.promoted[-KEPT_TO_ROLL_BACK_TO:], "one of the last promotions")
     for name, version in names.as_dict().items():
         reasons[version] = name

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -133,6 +133,14 @@ class Shelf:
             except OSError:
                 target.rename(hidden / version.id)
                 raise
+
+    def remove(self, version_ids: Sequence[str]) -> None:
+        """Take versions away, each at once."""
+        for version_id in version_ids:
+            hidden = self.folders / f"{HIDDEN}{version_id}"
+            (self.folders / version_id).rename(hidden)
+            shutil.rmtree(hidden, ignore_errors=True)
+        sync_folder(self.folders)
 
     @contextmanager
     def scratch(self) -> Iterator[Path]:

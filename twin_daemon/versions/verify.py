@@ -106,7 +106,9 @@ def _names(store: VersionStore, found: Survey, decisions: tuple[Decision, ...]) 
     problems = []
     for name, version in names.as_dict().items():
         if version not in found.versions:
-            problems.append(f"'{name}' points at {version[:12]}, which is damaged or gone. Promote or name another one.")
+            problems.append(
+                f"'{name}' points at {version[:12]}, which is damaged or gone. Promote or name another one."
+            )
         elif version in found.stubs:
             problems.append(f"'{name}' points at {version[:12]}, whose model was pruned. Restore a backup that has it.")
     if stored is not None and decisions and decisions[-1].sequence == stored.sequence and replay(decisions) != stored:
