@@ -1,6 +1,6 @@
 """Can a kill -9 at any moment harm the version store? A child stores, promotes, goes back and prunes until it dies.
 
-python -m bench.store_kill [--kills 1000] [--seed 1] [--folder DIR]
+python -m bench.store_kill [--kills 1000] [--seed 1] [--folder DIR | --store DIR]
 
 After each kill the store is verified from its files, every version whose storing returned must be there (or have been
 pruned by a decision), and the names must be those of the last operation that returned or of the one that was cut off.
@@ -190,10 +190,11 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--folder", type=Path, help="where to put the store; a folder of its own by default")
+    parser.add_argument("--store", type=Path, help="the folder of the store itself, which then stays")
     chosen = parser.parse_args()
     with tempfile.TemporaryDirectory(dir=chosen.folder) as folder:
         began = time.monotonic()
-        outcome = run(Path(folder) / "hand", chosen.kills, chosen.seed)
+        outcome = run(chosen.store or Path(folder) / "hand", chosen.kills, chosen.seed)
         print(f"{outcome.kills} kills in {time.monotonic() - began:.0f} s, {outcome.returned} operations had returned")
         print("cut off: " + ", ".join(f"{what} {count}" for what, count in outcome.cut_off.most_common()))
         print(f"{len(outcome.wrong)} wrong", *outcome.wrong, sep="\n  ")

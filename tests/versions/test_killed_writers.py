@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import random
-import signal
+import re
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 from twin_daemon.versions import Draft, VersionStore
+from twin_daemon.versions.verify import verify
 
+ROOT = Path(__file__).resolve().parents[2]
 KILLS = 25
 WRITER = """
 import itertools, sys
@@ -41,21 +41,14 @@ def start(root: Path, first: int, count: int) -> subprocess.Popen[str]:
 
 def test_a_kill_at_any_moment_leaves_a_whole_store(tmp_path: Path, draft: Callable[..., Draft], mjcf: str) -> None:
     root = tmp_path / "hand"
+    bench = [sys.executable, "-m", "bench.store_kill", "--kills", str(KILLS), "--store", str(root)]
+    done = subprocess.run(bench, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    returned = re.search(r"(\d+) operations had returned", done.stdout)
+    assert returned is not None
+    assert int(returned[1]) > KILLS, "no writer got far enough: the test would show nothing"
     store = VersionStore("hand", root=root, shipped=tmp_path / "none")
-    moments = random.Random(1)
-    acknowledged: set[str] = set()
-    for kill in range(KILLS):
-        writer = start(root, first=kill * 10_000, count=10_000)
-        time.sleep(moments.uniform(0.0, 0.06))
-        writer.send_signal(signal.SIGKILL)
-        said, _ = writer.communicate()
-        acknowledged |= {line for line in said.splitlines(keepends=False) if len(line) == 64}
-        versions, problems = store.survey()
-        assert problems == []
-        assert acknowledged <= {version.id for version in versions}
-        aliases = store.aliases()
-        assert all(store.get(alias).id == target for alias, target in aliases.items())
-    assert acknowledged, "no writer got as far as storing a version: the test would show nothing"
+    assert verify(store).problems == ()
     store.add(draft(), mjcf)
     assert not list((root / "versions").glob(".*")), "what dead writers left is gone after the next write"
     assert not list(root.glob(".aliases*"))

@@ -12,6 +12,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -46,10 +47,8 @@ def write_folder(folder: Path, version: Version, mjcf: str) -> None:
 
 def mend_folder(folder: Path, version: Version, mjcf: str, scratch: Path) -> None:
     """Put right what is in a damaged folder, or give a stub its model back; whole files move in from `scratch`."""
-    try:
+    with suppress(BadInput):
         version = read_folder(folder, "").version  # a stub keeps its record as it was made
-    except BadInput:
-        pass
     for name, data in _files(version, mjcf).items():
         _move_in(scratch, folder / name, data)
     sync_folder(folder)

@@ -49,6 +49,10 @@ class Row(NamedTuple):
         return hashlib.sha256(head + self.record).hexdigest()
 
 
+class _NotWrittenYet(Exception):
+    """The file was created by a process that came no further."""
+
+
 class Index:
     """The cache in one hand's folder."""
 
@@ -63,6 +67,8 @@ class Index:
             with self._open(writing=False) as connection:
                 found = connection.execute("SELECT id, mark, whole, record, sum FROM versions").fetchall()
                 rows = {row[0]: (Row(row[1], bool(row[2]), bytes(row[3])), row[4]) for row in found}
+        except _NotWrittenYet:
+            return {}
         except (sqlite3.Error, TypeError, ValueError) as error:
             self._give_up(error)
             return {}
@@ -93,7 +99,7 @@ class Index:
         try:
             with self._open(writing=False) as connection:
                 return connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
-        except (sqlite3.Error, ValueError):
+        except (sqlite3.Error, ValueError, _NotWrittenYet):
             return False
 
     def drop(self) -> bool:
@@ -110,7 +116,9 @@ class Index:
         mode = "rwc" if writing else "ro"
         with closing(sqlite3.connect(f"{self._path.absolute().as_uri()}?mode={mode}", _WAIT_S, uri=True)) as connection:
             layout = connection.execute("PRAGMA user_version").fetchone()[0]
-            if layout == 0 and writing:
+            if layout == 0:
+                if not writing:
+                    raise _NotWrittenYet
                 connection.execute(f"PRAGMA user_version = {_LAYOUT}")
             elif layout != _LAYOUT:
                 raise ValueError(f"layout {layout}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
+from itertools import pairwise
 
 from twin_daemon.errors import BadInput
 from twin_daemon.versions.aliases import DamagedNames, read_aliases
@@ -113,7 +114,7 @@ def _names(store: VersionStore, found: Survey, decisions: tuple[Decision, ...]) 
             problems.append(f"'{name}' points at {version[:12]}, whose model was pruned. Restore a backup that has it.")
     if stored is not None and decisions and decisions[-1].sequence == stored.sequence and replay(decisions) != stored:
         whole_log = decisions[0].sequence == 1 and all(
-            after.sequence == before.sequence + 1 for before, after in zip(decisions, decisions[1:], strict=False)
+            after.sequence == before.sequence + 1 for before, after in pairwise(decisions)
         )
         if whole_log:
             problems.append(
