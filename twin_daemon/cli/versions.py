@@ -40,6 +40,7 @@ def list_versions(
     store = open_store(hand, model)
     found = store.everything()
     versions, notes = store.in_order(found), store.notes()
+    names, shipped = store.all_names(), store.all_shipped()
     console = people(json)
     if not versions:
         console.print(f"No versions of {plain_text(store.hand)} yet. Make one: twin calibrate --recording R...")
@@ -52,8 +53,8 @@ def list_versions(
     rows = [
         {
             **_summary(version),
-            "names": store.names(version.id),
-            "shipped": store.shipped(version.id),
+            "names": names.get(version.id, []),
+            "shipped": version.id in shipped,
             "stub": version.id in found.stubs,
             "notes": notes.get(version.id, []),
         }
@@ -209,11 +210,12 @@ def _tree(store: VersionStore, versions: list[Version]) -> Any:
     from twin_daemon.versions.lineage import gone, tree
 
     excused = gone(store.decisions().decisions)
+    named = store.all_names()
     drawn = Tree(f"{plain_text(store.hand)}: the nominal model")
     waiting = [(branch, drawn) for branch in tree(versions)]
     for branch, above in waiting:  # grows while it is walked
         version = branch.version
-        names = ", ".join(store.names(version.id))
+        names = ", ".join(named.get(version.id, []))
         lost = version.parent if above is drawn else None
         origin = f" (from {lost[:12]}, {excused.get(lost, 'not here')})" if lost else ""
         error = _error(version.errors.get("holdout_after") or version.errors.get("after"))
@@ -231,9 +233,10 @@ def _table(store: VersionStore, versions: list[Version], stubs: Collection[str])
     for title in ("names", "kind", "before", "after", "held out"):
         table.add_column(title)
     table.add_column("made (UTC)", no_wrap=True)
+    named, shipped = store.all_names(), store.all_shipped()
     for version in versions:
         errors = [_error(version.errors.get(name)) for name in ("before", "after", "holdout_after")]
-        names = ", ".join(store.names(version.id)) + (" (shipped)" if store.shipped(version.id) else "")
+        names = ", ".join(named.get(version.id, [])) + (" (shipped)" if version.id in shipped else "")
         names += " (stub)" if version.id in stubs else ""
         made = version.created[:16].replace("T", " ")
         table.add_row(version.short_id, plain_text(names), plain_text(_titled(version)), *errors, made)

@@ -125,13 +125,16 @@ def _bring_back(source: VersionStore, target: VersionStore) -> Restored:
             sync_folder(target.root)
         return Restored(target.hand, "restored", versions)
     missing = _missing(source, target)
+    said = {(version, note.text) for version, notes in target.notes().items() for note in notes}
     with target.writing():
         for version in source.in_order(source.everything()):
             if version.id in missing:
                 _take(source, target, version.id)
         for decision in source.decisions().decisions:
-            if decision.what == "noted" and decision.version in missing:
-                target.ledger.decide("noted", version=decision.version, text=f"{decision.text} ({decision.at[:16]})")
+            text = f"{decision.text} ({decision.at[:16]})"
+            known = {(decision.version, decision.text), (decision.version, text)} & said
+            if decision.what == "noted" and decision.version in missing and not known:
+                target.ledger.decide("noted", version=decision.version, text=text)
     return Restored(target.hand, "merged" if missing else "unchanged", tuple(sorted(missing)))
 
 

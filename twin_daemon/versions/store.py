@@ -202,8 +202,16 @@ class VersionStore:
 
     def names(self, version_id: str) -> list[str]:
         """Aliases and shipped names of a version."""
-        moving = [alias for alias, target in self.aliases().items() if target == version_id]
-        return moving + [s.name for s in self.shelf.everything() if s.id == version_id and s.name]
+        return self.all_names().get(version_id, [])
+
+    def all_names(self) -> dict[str, list[str]]:
+        """Aliases and shipped names by the id that they stand for."""
+        pairs = [(target, alias) for alias, target in self.aliases().items()]
+        pairs += [(s.id, s.name) for s in self.shelf.everything() if s.name]
+        found: dict[str, list[str]] = {}
+        for version_id, name in pairs:
+            found.setdefault(version_id, []).append(name)
+        return found
 
     def notes(self) -> dict[str, list[Note]]:
         """What was written beside versions, by id, oldest first."""
@@ -215,7 +223,11 @@ class VersionStore:
 
     def shipped(self, version_id: str) -> bool:
         """Whether a version came with the package."""
-        return any(stored.id == version_id and stored.shipped for stored in self.shelf.everything())
+        return version_id in self.all_shipped()
+
+    def all_shipped(self) -> set[str]:
+        """The versions that came with the package."""
+        return {stored.id for stored in self.shelf.everything() if stored.shipped}
 
     def resolve(self, reference: str) -> Stored:
         """Where the version is that a reference stands for. Raises BadInput when there is none, or more than one."""

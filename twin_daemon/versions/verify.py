@@ -50,7 +50,7 @@ def verify(store: VersionStore, *, rebuild: bool = False) -> Verification:
     decided = store.decisions()
     problems += [*found.problems, *decided.problems]
     problems += _lost(store, found, decided.decisions)
-    problems += _orphans(found, decided.decisions)
+    problems += _orphans(store, found, decided.decisions)
     problems += _names(store, found, decided.decisions)
     return Verification(
         hand=store.hand,
@@ -88,8 +88,8 @@ def _lost(store: VersionStore, found: Survey, decisions: tuple[Decision, ...]) -
     ]
 
 
-def _orphans(found: Survey, decisions: tuple[Decision, ...]) -> list[str]:
-    excused = gone(decisions)
+def _orphans(store: VersionStore, found: Survey, decisions: tuple[Decision, ...]) -> list[str]:
+    excused = gone(decisions).keys() | {stored.id for stored in store.shelf.own()}  # a damaged one is told as such
     return [
         f"version {version.short_id} was made from {version.parent[:12]}, which is not here and was not pruned. "
         "Restore a backup that has it."
