@@ -76,6 +76,8 @@ def run(root: Path, kills: int, seed: int = 1) -> Outcome:
         _one(root, kill, moments, expected, outcome)
         outcome.kills += 1
         outcome.wrong += [f"kill {kill}: {problem}" for problem in _judge(store, expected, outcome)]
+        if outcome.kills % 100 == 0:
+            print(f"{outcome.kills} kills, {outcome.returned} operations had returned", flush=True)
     return outcome
 
 

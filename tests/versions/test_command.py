@@ -82,6 +82,7 @@ def test_the_store_is_kept_from_the_command_line(
     told = answer(capsys, "history", "--parameter", "FFJ3.damping", "--plot", str(plots[0]))
     assert [point["value"] for point in told["parameters"]["FFJ3.damping"]["points"]] == [0.1, 1.1]
     assert {promotion["version"] for promotion in told["promotions"]} == {first, second}
+    assert told["parameters"]["FFJ3.damping"]["lifetime"] == "", "it was there all along"
     answer(capsys, "diff", first, second, "--plot", str(plots[1]))
     assert all("FFJ3" in plot.read_text(encoding="utf-8") for plot in plots)
     file = tmp_path / "versions.tar"

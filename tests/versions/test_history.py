@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from twin_daemon.cli.versions_history import heading, lifetime
 from twin_daemon.errors import BadInput
 from twin_daemon.figures.difference import difference_figure
 from twin_daemon.figures.history import history_figure
@@ -101,6 +102,8 @@ def test_an_effect_appears_in_the_history(weeks: Weeks) -> None:
     assert gap.unit == "rad"
     assert gap.trend.verdict == "rising"
     assert gap.leaves_band is not None, "the library of effects knows its bounds"
+    assert lifetime(gap, promotions(weeks.store)) == "appeared 2026-01-08"
+    assert "leaves its band at 1 about" in heading(gap)
 
 
 def test_a_clock_that_was_set_back_does_not_turn_time_around(weeks: Weeks) -> None:

@@ -44,7 +44,7 @@ def test_a_kill_at_any_moment_leaves_a_whole_store(tmp_path: Path, draft: Callab
     bench = [sys.executable, "-m", "bench.store_kill", "--kills", str(KILLS), "--store", str(root)]
     done = subprocess.run(bench, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
-    returned = re.search(r"(\d+) operations had returned", done.stdout)
+    returned = re.search(r"s, (\d+) operations had returned", done.stdout)
     assert returned is not None
     assert int(returned[1]) > KILLS, "no writer got far enough: the test would show nothing"
     store = VersionStore("hand", root=root, shipped=tmp_path / "none")

@@ -20,11 +20,6 @@ if TYPE_CHECKING:
     from twin_daemon.versions import Version, VersionStore
 
 app = Group(help="List, compare, promote, roll back, export, verify and keep what was learned of a hand.")
-app.command("verify")(care.verify)
-app.command("prune")(care.prune)
-app.command("backup")(care.backup)
-app.command("restore")(care.restore)
-app.command("history")(history)
 
 Reference = Annotated[str, typer.Argument(metavar="VERSION", help="Id, start of an id, alias or shipped name.")]
 
@@ -181,6 +176,13 @@ def export(
     found = open_store(hand, model).export(version, output)
     people(json).print(f"{plain_text(output)}: version {found.short_id} of {plain_text(found.hand)}", soft_wrap=True)
     emit_json(json, {"version": found.id, "path": output.absolute(), "mjcf_sha256": found.mjcf_sha256})
+
+
+app.command("verify")(care.verify)
+app.command("prune")(care.prune)
+app.command("backup")(care.backup)
+app.command("restore")(care.restore)
+app.command("history")(history)
 
 
 def _report_move(store: VersionStore, version: Version, json: str | None) -> None:

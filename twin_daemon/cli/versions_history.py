@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -52,7 +53,7 @@ def history(
         {
             "hand": store.hand,
             "promotions": [{"at": p.at, "exact": p.exact, "version": p.version.id} for p in promoted],
-            "parameters": {one.name: _plain(one) for one in series},
+            "parameters": {one.name: _plain(one) | {"lifetime": lifetime(one, promoted)} for one in series},
             "plot": plot,
         },
     )
@@ -92,14 +93,29 @@ def heading(series: Series) -> str:
     return f"{text}; leaves its band at {left.value:.4g} about {left.at.date().isoformat()} ({ends[0]} to {ends[1]})"
 
 
-def _show(series: list[Series], promoted: list[Promotion], json: str | None) -> None:
+def lifetime(series: Series, promoted: Sequence[Promotion]) -> str:
+    """When something appeared or went, where it was not there all along."""
+    first, last = series.points[0], series.points[-1]
+    said = [f"appeared {first.at.date()}"] if first.version != promoted[0].version.id else []
+    said += [f"last seen {last.at.date()}"] if last.version != promoted[-1].version.id else []
+    return ", ".join(said)
+
+
+def _show(series: Sequence[Series], promoted: Sequence[Promotion], json: str | None) -> None:
     console = people(json)
     first, last = promoted[0].at.date(), promoted[-1].at.date()
     title = f"{len(promoted)} promoted versions, {first} to {last} (UTC)"
-    table = slim_table(title, ("parameter", "first", "last", "95 % interval", "unit", "heading"), words=("heading",))
+    table = slim_table(title, ("parameter", "first", "last", "95 % interval", "unit", "trend"))
     for one in series:
         end = one.points[-1]
         interval = "unknown" if end.ci95 is None else f"{end.ci95[0]:.3g} to {end.ci95[1]:.3g}"
         values = (f"{one.points[0].value:.4g}", f"{end.value:.4g}")
-        table.add_row(plain_text(one.name), *values, interval, plain_text(one.unit), heading(one))
+        table.add_row(
+            plain_text(one.name), *values, interval, plain_text(one.unit), one.trend.verdict.replace("_", " ")
+        )
     console.print(table)
+    for one in series:
+        lived = lifetime(one, promoted)
+        moves = heading(one) if one.trend.verdict in ("rising", "falling") else ""
+        if lived or moves:
+            console.print(plain_text(f"{one.name}: {'; '.join(filter(None, (lived, moves)))}"), soft_wrap=True)
