@@ -30,6 +30,23 @@ for number in itertools.islice(itertools.count(first), count):
 """
 
 
+PRUNER = """
+import sys
+from pathlib import Path
+from twin_daemon.versions import Draft, VersionStore
+from twin_daemon.versions.prune import Policy, prune
+
+store = VersionStore("hand", root=Path(sys.argv[1]), shipped=Path(sys.argv[1]) / "none")
+parent = None
+for number in range(60):
+    draft = Draft(hand="hand", kind="calibrated", terms={"number": number}, parent=parent)
+    version = store.add(draft, f"<!-- {number} -->" + "<mujoco/>" * 200, alias="candidate").id
+    if number % 3 == 0:
+        parent = store.promote(version).id
+    prune(store, Policy(keep=2, older_than_days=0.0))
+"""
+
+
 def start(root: Path, first: int, count: int) -> subprocess.Popen[str]:
     writer = subprocess.Popen(
         [sys.executable, "-c", WRITER, str(root), str(first), str(count)], stdout=subprocess.PIPE, text=True
@@ -94,3 +111,22 @@ def test_a_writer_that_hangs_keeps_no_reader_out(store: VersionStore, draft: Cal
     version = store.add(draft(), mjcf)
     with store.writing():
         assert store.list() == [version]
+
+
+def test_a_reader_beside_one_who_prunes_sees_whole_versions_only(tmp_path: Path) -> None:
+    root = tmp_path / "hand"
+    store = VersionStore("hand", root=root, shipped=root / "none")
+    pruner = subprocess.Popen([sys.executable, "-c", PRUNER, str(root)])
+    problems: set[str] = set()
+    reads = 0
+    try:
+        while pruner.poll() is None:
+            problems |= {*store.survey()[1], *store.everything(trust=False).problems}
+            reads += 1
+    finally:
+        pruner.kill()
+        pruner.wait()
+    assert pruner.returncode == 0
+    assert problems == set()
+    assert reads > 1
+    assert len(verify(store).stubs) > 1, "nothing was pruned: the test would show nothing"

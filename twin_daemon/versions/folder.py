@@ -103,9 +103,13 @@ def fingerprint(folder: Path) -> str:
     return " ".join(marks)
 
 
-def size_bytes(folder: Path) -> int:
-    """What the files of a folder hold."""
-    return sum(path.stat().st_size for path in folder.iterdir())
+def size_bytes(folder: Path, *names: str) -> int:
+    """What the files of these names hold (all without names); 0 for one that another process has pruned."""
+    total = 0
+    for name in names or FILES:
+        with suppress(FileNotFoundError):
+            total += (folder / name).stat().st_size
+    return total
 
 
 def _version(record: bytes, path: Path, todo: str) -> Version:

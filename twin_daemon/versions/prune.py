@@ -59,7 +59,7 @@ def plan(store: VersionStore, policy: Policy) -> tuple[Choice, ...]:
         elif version.id in above or version.id in promoted:
             why = "ancestor" if version.id in above else "was promoted"
             stub = version.id in found.stubs
-            freed = 0 if stub else (folder / MODEL).stat().st_size
+            freed = 0 if stub else size_bytes(folder, MODEL)
             choices.append(Choice(version.id, "keep" if stub else "stub", why, freed))
         else:
             choices.append(Choice(version.id, "remove", "old and unused", size_bytes(folder)))
