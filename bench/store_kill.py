@@ -54,7 +54,7 @@ class Expected:
                 self.promoted.pop()
 
     def names(self) -> dict[str, str]:
-        names = dict(zip(("current", "previous"), reversed(self.promoted), strict=False))
+        names: dict[str, str] = dict(zip(("current", "previous"), reversed(self.promoted), strict=False))
         return names if self.candidate is None else {**names, "candidate": self.candidate}
 
 
