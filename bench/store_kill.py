@@ -20,6 +20,7 @@ import traceback
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from twin_daemon.versions import Draft, VersionStore
 from twin_daemon.versions.prune import Policy, prune
@@ -28,6 +29,14 @@ from twin_daemon.versions.verify import verify
 _MODEL = "<mujoco model='hand'/>" * 400
 _POLICY = Policy(keep=6, older_than_days=0.0)
 _LONGEST_WAIT_S = 60.0
+_ROUND = 100  # kills of one store; the next one starts empty, or reading it all would take most of the time
+_DECISION = {
+    "add": "stored",
+    "promote": "promoted",
+    "rollback": "rolled_back",
+    "prune": "pruned",
+    "note": "noted",
+}
 
 
 @dataclass
@@ -37,21 +46,25 @@ class Expected:
     promoted: list[str] = field(default_factory=list)
     candidate: str | None = None
     stored: set[str] = field(default_factory=set)
-    begun: dict[str, str] | None = None
+    decisions: int = 0  # how many the log has
+    begun: dict[str, Any] | None = None
 
-    def returned(self, operation: dict[str, str]) -> None:
+    def returned(self, operation: dict[str, Any]) -> None:
         self.begun = None
         version = operation.get("version", "")
         match operation["what"]:
             case "add":
                 self.stored.add(version)
-                self.candidate = version
+                self.candidate = version if operation["named"] else self.candidate
             case "promote":
                 if self.promoted[-1:] != [version]:
                     self.promoted.append(version)
                 self.candidate = None if self.candidate == version else self.candidate
             case "rollback":
                 self.promoted.pop()
+            case "prune":  # what lost its model cannot be gone back to
+                gone = set(operation["gone"])
+                self.promoted = [kept for kept in self.promoted if kept not in gone]
 
     def names(self) -> dict[str, str]:
         names: dict[str, str] = dict(zip(("current", "previous"), reversed(self.promoted), strict=False))
@@ -69,11 +82,14 @@ class Outcome:
 
 
 def run(root: Path, kills: int, seed: int = 1) -> Outcome:
-    """Kill so many writers of the store in `root`, one after another."""
+    """Kill so many writers of the store in `root`, one after another; each hundred has a store beside the last."""
     moments, outcome, expected = random.Random(seed), Outcome(), Expected()
-    store = VersionStore("hand", root=root, shipped=root / "none")
+    store, folder = VersionStore("hand", root=root, shipped=root / "none"), root
     for kill in range(kills):
-        _one(root, kill, moments, expected, outcome)
+        if kill and kill % _ROUND == 0:
+            folder, expected = root.with_name(f"{root.name}-{kill // _ROUND}"), Expected()
+            store = VersionStore("hand", root=folder, shipped=root / "none")
+        _one(folder, kill, moments, expected, outcome)
         outcome.kills += 1
         outcome.wrong += [f"kill {kill}: {problem}" for problem in _judge(store, expected, outcome)]
         if outcome.kills % 100 == 0:
@@ -122,6 +138,7 @@ def _heard(buffer: bytes, expected: Expected, outcome: Outcome) -> bytes:
             expected.begun = said
         else:
             expected.returned(said)
+            expected.decisions = said["decisions"]
             outcome.returned += 1
     return rest
 
@@ -132,17 +149,24 @@ def _judge(store: VersionStore, expected: Expected, outcome: Outcome) -> list[st
     wrong = list(found.problems)
     there = {*found.intact, *found.pruned}
     wrong += [f"{version[:12]} was stored and is gone" for version in expected.stored - there]
-    names = store.aliases()
+    names, cut = store.aliases(), expected.begun
+    before = expected.names()
+    if cut is not None and _was_decided(store, cut, expected):
+        expected.returned(cut)
+    expected.begun, expected.decisions = None, len(store.decisions().decisions)
     if names != expected.names():
-        cut = expected.begun
-        if cut is not None and cut["what"] == "add":  # its id was not known before it was stored
-            cut = {**cut, "version": names.get("candidate", "")}
-        if cut is not None and (cut["what"] != "rollback" or expected.promoted):
-            expected.returned(cut)
-        if names != expected.names():
-            wrong.append(f"the names are {names}, expected {expected.names()} after {cut}")
-    expected.begun = None
+        wrong.append(f"the names are {names}, before {before}, expected {expected.names()} after {cut}")
     return wrong
+
+
+def _was_decided(store: VersionStore, cut: dict[str, Any], expected: Expected) -> bool:
+    """Whether the operation that was cut off has been done after all; completes what is known of it."""
+    decisions = store.decisions().decisions[expected.decisions :]
+    last = decisions[-1] if decisions else None
+    if last is None or last.what != _DECISION[cut["what"]]:
+        return False
+    cut |= {"gone": [*last.removed, *last.stubbed], "version": last.version or "", "named": last.name is not None}
+    return True
 
 
 def _work(root: Path, kill: int, writer: int) -> None:
@@ -157,7 +181,8 @@ def _work(root: Path, kill: int, writer: int) -> None:
             if (what == "rollback" and "previous" not in names) or not (names or what == "add"):
                 continue
             target = names.get("candidate", names.get("current", ""))
-            _say(writer, "begun", what, target)
+            _say(writer, "begun", what, target, [])
+            gone: list[str] = []
             if what == "add":
                 number += 1
                 draft = Draft(
@@ -174,16 +199,17 @@ def _work(root: Path, kill: int, writer: int) -> None:
             elif what == "note":
                 store.note(target, f"noted before kill {kill}")
             else:
-                prune(store, _POLICY)
-            _say(writer, "returned", what, target)
+                gone = [choice.version for choice in prune(store, _POLICY) if choice.action != "keep"]
+            _say(writer, "returned", what, target, gone, len(store.decisions().decisions))
     except BaseException:
         traceback.print_exc()
     finally:
         os._exit(1)
 
 
-def _say(writer: int, when: str, what: str, version: str) -> None:
-    os.write(writer, json.dumps({"when": when, "what": what, "version": version}).encode() + b"\n")
+def _say(writer: int, when: str, what: str, version: str, gone: list[str], decisions: int = 0) -> None:
+    said = {"when": when, "what": what, "version": version, "gone": gone, "decisions": decisions, "named": True}
+    os.write(writer, json.dumps(said).encode() + b"\n")
 
 
 def main() -> None:
