@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -42,7 +43,7 @@ def test_the_story_of_two_versions(versions: list[Version], tmp_path: Path, caps
     assert shown["parameters"]["FFJ3.damping"]["unit"] == "N m s/rad"
     assert answer(capsys, "diff", "previous", "current")["differences"]["parameters"][0]["ratio"] == pytest.approx(11)
     assert answer(capsys, "rollback")["current"] == first
-    exported = answer(capsys, "export", "candidate", "-o", str(tmp_path / "twin.xml"))
+    exported = answer(capsys, "export", second[:8], "-o", str(tmp_path / "twin.xml"))
     assert exported["version"] == second
     assert mujoco.MjModel.from_xml_path(exported["path"]).njnt == 1
     assert {first, second} <= set(answer(capsys, "verify")["intact"])
@@ -67,7 +68,71 @@ def test_a_damaged_version_ends_verify_with_3(versions: list[Version], capsys: p
     assert str(model) in result["problems"][0]
 
 
-@pytest.mark.parametrize("argv", [["promote", "nonsense"], ["rollback"], ["show"], ["diff", "current", "candidate"]])
+def test_the_store_is_kept_from_the_command_line(
+    versions: list[Version], tmp_path: Path, state_dir: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, second = (version.id for version in versions)
+    assert answer(capsys, "note", first, "greased")["notes"][0]["text"] == "greased"
+    assert answer(capsys, "name", "bench", first)["aliases"] == {"candidate": second, "bench": first}
+    for reference in (first, second):
+        answer(capsys, "promote", reference)
+    rows = {row["id"]: row for row in answer(capsys, "list")["versions"]}
+    assert rows[first]["notes"][0]["text"] == "greased"
+    plots = [tmp_path / "history.html", tmp_path / "diff.html"]
+    told = answer(capsys, "history", "--parameter", "FFJ3.damping", "--plot", str(plots[0]))
+    assert [point["value"] for point in told["parameters"]["FFJ3.damping"]["points"]] == [0.1, 1.1]
+    assert {promotion["version"] for promotion in told["promotions"]} == {first, second}
+    assert told["parameters"]["FFJ3.damping"]["lifetime"] == "", "it was there all along"
+    answer(capsys, "diff", first, second, "--plot", str(plots[1]))
+    assert all("FFJ3" in plot.read_text(encoding="utf-8") for plot in plots)
+    file = tmp_path / "versions.tar"
+    assert answer(capsys, "backup", str(file))["hands"] == {"shadow_hand": [first, second]}
+    assert answer(capsys, "prune", "--keep", "0", "--older-than", "0", "--dry-run")["frees_bytes"] == 0
+    assert answer(capsys, "prune")["dry_run"] is False
+    shutil.rmtree(state_dir)
+    assert answer(capsys, "restore", str(file))["hands"][0]["how"] == "restored"
+    assert answer(capsys, "name", "bench")["aliases"] == {"current": second, "previous": first}
+    verified = answer(capsys, "verify", "--rebuild")
+    assert (verified["problems"], verified["index"]) == ([], "rebuilt")
+
+
+def test_the_tree_shows_who_came_from_whom(
+    versions: list[Version],
+    draft: Callable[..., Draft],
+    mjcf: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    store = VersionStore("shadow_hand")
+    child = store.add(draft(0.7, hand="shadow_hand", parent=versions[0].id), mjcf)
+    assert main(["versions", "list", "--tree"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    where = {v.id: next(line.index(v.short_id) for line in lines if v.short_id in line) for v in (*versions, child)}
+    assert where[child.id] > where[versions[0].id] == where[versions[1].id]
+
+
+def test_a_rejected_candidate_waits_no_more(versions: list[Version], capsys: pytest.CaptureFixture[str]) -> None:
+    assert answer(capsys, "reject") == {"schema": 1, "version": versions[1].id, "aliases": {}}
+    assert main(["versions", "promote"]) == 3
+    assert "decided about" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "argv",
+    [
+        ["promote", "nonsense"],
+        ["rollback"],
+        ["show"],
+        ["diff", "current", "candidate"],
+        ["history"],
+        ["reject"],
+        ["note", "nonsense", "words"],
+        ["prune", "--ancestors", "gone"],
+        ["backup", "/nowhere/at/all.tar"],
+        ["restore", "/nowhere/at/all.tar"],
+    ],
+)
 def test_what_cannot_be_done_is_bad_input(argv: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["versions", *argv]) == 3
     captured = capsys.readouterr()

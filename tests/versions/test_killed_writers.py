@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import random
-import signal
+import re
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 from twin_daemon.versions import Draft, VersionStore
+from twin_daemon.versions.verify import verify
 
+ROOT = Path(__file__).resolve().parents[2]
 KILLS = 25
 WRITER = """
 import itertools, sys
@@ -30,6 +30,23 @@ for number in itertools.islice(itertools.count(first), count):
 """
 
 
+PRUNER = """
+import sys
+from pathlib import Path
+from twin_daemon.versions import Draft, VersionStore
+from twin_daemon.versions.prune import Policy, prune
+
+store = VersionStore("hand", root=Path(sys.argv[1]), shipped=Path(sys.argv[1]) / "none")
+parent = None
+for number in range(60):
+    draft = Draft(hand="hand", kind="calibrated", terms={"number": number}, parent=parent)
+    version = store.add(draft, f"<!-- {number} -->" + "<mujoco/>" * 200, alias="candidate").id
+    if number % 3 == 0:
+        parent = store.promote(version).id
+    prune(store, Policy(keep=2, older_than_days=0.0))
+"""
+
+
 def start(root: Path, first: int, count: int) -> subprocess.Popen[str]:
     writer = subprocess.Popen(
         [sys.executable, "-c", WRITER, str(root), str(first), str(count)], stdout=subprocess.PIPE, text=True
@@ -41,21 +58,14 @@ def start(root: Path, first: int, count: int) -> subprocess.Popen[str]:
 
 def test_a_kill_at_any_moment_leaves_a_whole_store(tmp_path: Path, draft: Callable[..., Draft], mjcf: str) -> None:
     root = tmp_path / "hand"
+    bench = [sys.executable, "-m", "bench.store_kill", "--kills", str(KILLS), "--store", str(root)]
+    done = subprocess.run(bench, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    returned = re.search(r"s, (\d+) operations had returned", done.stdout)
+    assert returned is not None
+    assert int(returned[1]) > KILLS, "no writer got far enough: the test would show nothing"
     store = VersionStore("hand", root=root, shipped=tmp_path / "none")
-    moments = random.Random(1)
-    acknowledged: set[str] = set()
-    for kill in range(KILLS):
-        writer = start(root, first=kill * 10_000, count=10_000)
-        time.sleep(moments.uniform(0.0, 0.06))
-        writer.send_signal(signal.SIGKILL)
-        said, _ = writer.communicate()
-        acknowledged |= {line for line in said.splitlines(keepends=False) if len(line) == 64}
-        versions, problems = store.survey()
-        assert problems == []
-        assert acknowledged <= {version.id for version in versions}
-        aliases = store.aliases()
-        assert all(store.get(alias).id == target for alias, target in aliases.items())
-    assert acknowledged, "no writer got as far as storing a version: the test would show nothing"
+    assert verify(store).problems == ()
     store.add(draft(), mjcf)
     assert not list((root / "versions").glob(".*")), "what dead writers left is gone after the next write"
     assert not list(root.glob(".aliases*"))
@@ -99,5 +109,24 @@ def test_a_reader_never_sees_half_a_version(tmp_path: Path) -> None:
 
 def test_a_writer_that_hangs_keeps_no_reader_out(store: VersionStore, draft: Callable[..., Draft], mjcf: str) -> None:
     version = store.add(draft(), mjcf)
-    with store._writing():
+    with store.writing():
         assert store.list() == [version]
+
+
+def test_a_reader_beside_one_who_prunes_sees_whole_versions_only(tmp_path: Path) -> None:
+    root = tmp_path / "hand"
+    store = VersionStore("hand", root=root, shipped=root / "none")
+    pruner = subprocess.Popen([sys.executable, "-c", PRUNER, str(root)])
+    problems: set[str] = set()
+    reads = 0
+    try:
+        while pruner.poll() is None:
+            problems |= {*store.survey()[1], *store.everything(trust=False).problems}
+            reads += 1
+    finally:
+        pruner.kill()
+        pruner.wait()
+    assert pruner.returncode == 0
+    assert problems == set()
+    assert reads > 1
+    assert len(verify(store).stubs) > 1, "nothing was pruned: the test would show nothing"

@@ -46,7 +46,7 @@ COMMANDS: dict[str, Entry] = {
     "report": Entry("report", "One page with the comparison, the diagnosis, the ladder and the parameters.", OFFLINE),
     "effects": Entry("effects", "The library of physical effects; KEY explains one.", OFFLINE),
     "doctor": Entry("doctor", "What is missing on this machine.", STATE),
-    "versions": Entry("versions", "List, compare, promote, roll back, export and verify what was learned.", STATE),
+    "versions": Entry("versions", "What was learned: list, promote, roll back, history, verify, back up.", STATE),
 }
 
 

@@ -2,47 +2,66 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from twin_daemon.cli import versions_care as care
 from twin_daemon.cli.command import Group
 from twin_daemon.cli.console import emit_json, people, plain_text
 from twin_daemon.cli.options import HandName, Json, Model
-from twin_daemon.errors import BadInput
+from twin_daemon.cli.session import require_folder
+from twin_daemon.cli.versions_care import open_store
+from twin_daemon.cli.versions_history import history
 
 if TYPE_CHECKING:
     from twin_daemon.versions import Version, VersionStore
 
-app = Group(help="List, compare, promote, roll back, export and verify what was learned of a hand.")
+app = Group(help="List, compare, promote, roll back, export, verify and keep what was learned of a hand.")
 
 Reference = Annotated[str, typer.Argument(metavar="VERSION", help="Id, start of an id, alias or shipped name.")]
 
 
 @app.command("list")
-def list_versions(hand: HandName = None, model: Model = None, json: Json = None) -> None:
+def list_versions(
+    tree: Annotated[bool, typer.Option("--tree", help="Draw which version was made from which.")] = False,
+    hand: HandName = None,
+    model: Model = None,
+    json: Json = None,
+) -> None:
     """Every version of the hand, oldest first, with the names that point at it."""
-    store = _store(hand, model)
-    versions, problems = store.survey()
+    store = open_store(hand, model)
+    found = store.everything()
+    versions, notes = store.in_order(found), store.notes()
+    names, shipped = store.all_names(), store.all_shipped()
     console = people(json)
-    if versions:
-        console.print(_table(store, versions))
-    else:
+    if not versions:
         console.print(f"No versions of {plain_text(store.hand)} yet. Make one: twin calibrate --recording R...")
-    for problem in problems:
+    elif tree:
+        console.print(_tree(store, versions))
+    else:
+        console.print(_table(store, versions, found.stubs))
+    for problem in found.problems:
         console.print(f"[red]damaged[/red] {plain_text(problem)}", soft_wrap=True)
     rows = [
-        {**_summary(version), "names": store.names(version.id), "shipped": store.shipped(version.id)}
+        {
+            **_summary(version),
+            "names": names.get(version.id, []),
+            "shipped": version.id in shipped,
+            "stub": version.id in found.stubs,
+            "notes": notes.get(version.id, []),
+        }
         for version in versions
     ]
-    emit_json(json, {"hand": store.hand, "versions": rows, "aliases": store.aliases(), "problems": problems})
+    emit_json(json, {"hand": store.hand, "versions": rows, "aliases": store.aliases(), "problems": found.problems})
 
 
 @app.command("show")
 def show(version: Reference = "current", hand: HandName = None, model: Model = None, json: Json = None) -> None:
     """One version: its parameters, effects, errors and origin."""
-    store = _store(hand, model)
+    store = open_store(hand, model)
     found = store.get(version)
     console = people(json)
     console.print(f"[bold]{found.short_id}[/bold] {plain_text(_titled(found))}")
@@ -54,38 +73,93 @@ def show(version: Reference = "current", hand: HandName = None, model: Model = N
         console.print(f"{plain_text(name)}: {_error(value)} rad²")
     for effect in found.terms.get("effects") or []:
         console.print(f"effect {plain_text(effect.get('effect'))} at {plain_text(effect.get('target'))}")
+    notes = store.notes().get(found.id, [])
+    for note in notes:
+        console.print(f"note of {note.at[:16].replace('T', ' ')}: {plain_text(note.text)}")
     if found.parameters:
         console.print(_parameters(found))
-    emit_json(json, {**found.as_json(), "names": store.names(found.id)})
+    emit_json(json, {**found.as_json(), "names": store.names(found.id), "notes": notes})
 
 
 @app.command("diff")
 def differences(
-    before: Reference, after: Reference, hand: HandName = None, model: Model = None, json: Json = None
+    before: Reference,
+    after: Reference,
+    plot: Annotated[Path | None, typer.Option("--plot", metavar="FILE.html", help="Draw what differs.")] = None,
+    hand: HandName = None,
+    model: Model = None,
+    json: Json = None,
 ) -> None:
     """What changes from one version to another, with intervals."""
     from twin_daemon.versions import diff
 
-    store = _store(hand, model)
+    require_folder(json, plot)
+    store = open_store(hand, model)
     change = diff(store.get(before), store.get(after))
+    if plot is not None:
+        from twin_daemon.figures.difference import difference_figure
+        from twin_daemon.figures.style import write_page
+
+        names = (f"{reference} ({key[:12]})" for reference, key in ((before, change.before), (after, change.after)))
+        write_page(difference_figure(change, *names), plot)
     console = people(json)
     for line in change.words or ("Nothing differs in the terms.",):
         console.print(plain_text(line), soft_wrap=True)
-    emit_json(json, {"differences": change, "words": change.words})
+    emit_json(json, {"differences": change, "words": change.words, "plot": plot})
 
 
 @app.command("promote")
 def promote(version: Reference = "candidate", hand: HandName = None, model: Model = None, json: Json = None) -> None:
     """Make a version current. What was current becomes previous."""
-    store = _store(hand, model)
+    store = open_store(hand, model)
     _report_move(store, store.promote(version), json)
 
 
 @app.command("rollback")
 def rollback(hand: HandName = None, model: Model = None, json: Json = None) -> None:
     """Make the previous version current again."""
-    store = _store(hand, model)
+    store = open_store(hand, model)
     _report_move(store, store.rollback(), json)
+
+
+@app.command("reject")
+def reject(hand: HandName = None, model: Model = None, json: Json = None) -> None:
+    """Decide against the candidate. It stays in the store; no name points at it any more."""
+    store = open_store(hand, model)
+    version = store.reject()
+    people(json).print(f"{version.short_id} is no candidate any more")
+    emit_json(json, {"version": version.id, "aliases": store.aliases()})
+
+
+@app.command("note")
+def note(
+    version: Reference,
+    text: Annotated[str, typer.Argument(metavar="TEXT", help="What people should know of it.")],
+    hand: HandName = None,
+    model: Model = None,
+    json: Json = None,
+) -> None:
+    """Write a note beside a version. The version itself never changes."""
+    store = open_store(hand, model)
+    found = store.note(version, text)
+    people(json).print(f"noted beside {found.short_id}")
+    emit_json(json, {"version": found.id, "notes": store.notes()[found.id]})
+
+
+@app.command("name")
+def name_version(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="A name of your own.")],
+    version: Annotated[str | None, typer.Argument(metavar="VERSION", help="Without it the name is taken away.")] = None,
+    hand: HandName = None,
+    model: Model = None,
+    json: Json = None,
+) -> None:
+    """Let a name of your own point at a version, which is then never pruned; without VERSION take the name away."""
+    store = open_store(hand, model)
+    target = store.remove_alias(name) if version is None else store.set_alias(name, version).id
+    said = f"is {target[:12]}" if version is not None else f"points at nothing any more (it was {target[:12]})"
+    people(json).print(f"{plain_text(name)} {said}")
+    emit_json(json, {"name": name, "version": None if version is None else target, "aliases": store.aliases()})
 
 
 @app.command("export")
@@ -99,28 +173,16 @@ def export(
     json: Json = None,
 ) -> None:
     """Write one plain MJCF that MuJoCo loads without this package."""
-    found = _store(hand, model).export(version, output)
+    found = open_store(hand, model).export(version, output)
     people(json).print(f"{plain_text(output)}: version {found.short_id} of {plain_text(found.hand)}", soft_wrap=True)
     emit_json(json, {"version": found.id, "path": output.absolute(), "mjcf_sha256": found.mjcf_sha256})
 
 
-@app.command("verify")
-def verify(hand: HandName = None, model: Model = None, json: Json = None) -> int:
-    """Check every stored version against its hashes. Ends with 3 if one is damaged."""
-    versions, problems = _store(hand, model).survey()
-    console = people(json)
-    console.print(f"{len(versions)} intact, {len(problems)} damaged")
-    for problem in problems:
-        console.print(f"[red]damaged[/red] {plain_text(problem)}", soft_wrap=True)
-    emit_json(json, {"intact": [version.id for version in versions], "problems": problems})
-    return BadInput.exit_code if problems else 0
-
-
-def _store(hand: str | None, model: Path | None) -> VersionStore:
-    from twin_daemon.hand import load_hand
-    from twin_daemon.versions import VersionStore
-
-    return VersionStore(load_hand(hand, model).name)
+app.command("verify")(care.verify)
+app.command("prune")(care.prune)
+app.command("backup")(care.backup)
+app.command("restore")(care.restore)
+app.command("history")(history)
 
 
 def _report_move(store: VersionStore, version: Version, json: str | None) -> None:
@@ -144,7 +206,28 @@ def _error(value: Any) -> str:
     return f"{mse:.4g}" if isinstance(mse, (int, float)) else "unknown"
 
 
-def _table(store: VersionStore, versions: list[Version]) -> Any:
+def _tree(store: VersionStore, versions: list[Version]) -> Any:
+    from rich.tree import Tree
+
+    from twin_daemon.versions.lineage import gone, tree
+
+    excused = gone(store.decisions().decisions)
+    named = store.all_names()
+    drawn = Tree(f"{plain_text(store.hand)}: the nominal model")
+    waiting = [(branch, drawn) for branch in tree(versions)]
+    for branch, above in waiting:  # grows while it is walked
+        version = branch.version
+        names = ", ".join(named.get(version.id, []))
+        lost = version.parent if above is drawn else None
+        origin = f" (from {lost[:12]}, {excused.get(lost, 'not here')})" if lost else ""
+        error = _error(version.errors.get("holdout_after") or version.errors.get("after"))
+        label = f"{version.short_id} {plain_text(_titled(version))}, {error} rad²{origin}"
+        node = above.add(f"{label} [bold]{plain_text(names)}[/bold]" if names else label)
+        waiting += [(child, node) for child in branch.children]
+    return drawn
+
+
+def _table(store: VersionStore, versions: list[Version], stubs: Collection[str]) -> Any:
     from rich.table import Table
 
     table = Table(box=None)
@@ -152,9 +235,11 @@ def _table(store: VersionStore, versions: list[Version]) -> Any:
     for title in ("names", "kind", "before", "after", "held out"):
         table.add_column(title)
     table.add_column("made (UTC)", no_wrap=True)
+    named, shipped = store.all_names(), store.all_shipped()
     for version in versions:
         errors = [_error(version.errors.get(name)) for name in ("before", "after", "holdout_after")]
-        names = ", ".join(store.names(version.id)) + (" (shipped)" if store.shipped(version.id) else "")
+        names = ", ".join(named.get(version.id, [])) + (" (shipped)" if version.id in shipped else "")
+        names += " (stub)" if version.id in stubs else ""
         made = version.created[:16].replace("T", " ")
         table.add_row(version.short_id, plain_text(names), plain_text(_titled(version)), *errors, made)
     table.caption = "Errors are mean squared, in rad²."

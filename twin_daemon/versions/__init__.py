@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from .diff import ParameterChange, VersionDiff, diff
-from .store import Stored, VersionStore
+from .shelf import Stored
+from .store import Note, VersionStore
 from .version import Draft, ParameterRecord, RecordingUsed, Version, seal
 
 __all__ = [
     "Draft",
+    "Note",
     "ParameterChange",
     "ParameterRecord",
     "RecordingUsed",

@@ -4,23 +4,29 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from twin_daemon.errors import BadInput
 from twin_daemon.files import write_atomically
+from twin_daemon.versions.decisions import LAYOUT, Decision, refuse_newer
 
 CURRENT, PREVIOUS, CANDIDATE = "current", "previous", "candidate"
 KEPT_PROMOTIONS = 100
 
 
 class Aliases(BaseModel):
-    """Where the names point. `promoted` is a stack of ids: the last is current, the one below it previous."""
+    """Where the names point after the decision number `sequence`.
+
+    `promoted` is a stack of ids: the last is current, the one below it previous. The candidate is what was stored as
+    such last and nobody decided about.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
-    format: Literal[1] = Field(default=1, alias="schema")
+    format: Literal[2] = Field(default=LAYOUT, alias="schema")
+    sequence: int = 0
     promoted: tuple[str, ...] = ()
     names: dict[str, str] = {}
 
@@ -29,33 +35,60 @@ class Aliases(BaseModel):
         moving = dict(zip((CURRENT, PREVIOUS), reversed(self.promoted), strict=False))
         return {**moving, **self.names}
 
-    def promote(self, version_id: str) -> Aliases:
-        """`version_id` becomes current and what was current becomes previous."""
-        if self.promoted[-1:] == (version_id,):
-            return self
-        return self.model_copy(update={"promoted": (*self.promoted, version_id)[-KEPT_PROMOTIONS:]})
+    def after(self, decision: Decision) -> Aliases:
+        """The names as they are once a decision is made."""
+        changed: dict[str, Any] = {"sequence": decision.sequence}
+        match decision.what:
+            case "stored" | "named" if decision.name and decision.version:
+                changed["names"] = {**self.names, decision.name: decision.version}
+            case "promoted" if decision.version:
+                if self.promoted[-1:] != (decision.version,):
+                    changed["promoted"] = (*self.promoted, decision.version)[-KEPT_PROMOTIONS:]
+                changed["names"] = self._without_candidate(decision.version)
+            case "rolled_back":
+                changed["promoted"] = self.promoted[:-1]
+            case "rejected" if decision.version:
+                changed["names"] = self._without_candidate(decision.version)
+            case "unnamed":
+                changed["names"] = {name: target for name, target in self.names.items() if name != decision.name}
+            case "pruned":
+                gone = {*decision.removed, *decision.stubbed}
+                changed["promoted"] = tuple(version for version in self.promoted if version not in gone)
+            case "checkpoint":
+                changed |= {"promoted": decision.promoted, "names": decision.names}
+        return self.model_copy(update=changed)
 
-    def roll_back(self) -> Aliases:
-        """What was previous becomes current again."""
-        return self.model_copy(update={"promoted": self.promoted[:-1]})
-
-    def name(self, alias: str, version_id: str) -> Aliases:
-        """Any other name."""
-        return self.model_copy(update={"names": {**self.names, alias: version_id}})
+    def _without_candidate(self, version_id: str) -> dict[str, str]:
+        return {name: target for name, target in self.names.items() if (name, target) != (CANDIDATE, version_id)}
 
 
-def read_aliases(path: Path) -> Aliases:
-    """The names in a file; none if there is no file. Raises BadInput if the file is damaged."""
+class DamagedNames(BadInput):
+    """The file of names cannot be read."""
+
+
+def read_aliases(path: Path) -> Aliases | None:
+    """The names in a file; None if there is no file. Raises DamagedNames, or BadInput for a newer release's."""
     try:
-        return Aliases.model_validate_json(path.read_bytes())
+        content = json.loads(path.read_bytes())
+        refuse_newer(content.get("schema"), LAYOUT, path)
+        return Aliases.model_validate(_migrated(content))
     except FileNotFoundError:
-        return Aliases()
-    except ValidationError:
-        raise BadInput(
+        return None
+    except (ValueError, AttributeError, ValidationError):
+        raise DamagedNames(
             "the names of versions cannot be read",
             where=path,
             todo="The versions themselves are safe: delete this file and run 'twin versions promote ID' again",
         ) from None
+
+
+def _migrated(content: dict[str, Any]) -> dict[str, Any]:
+    """From layout 1, which kept no decisions and let `candidate` stay on a version that had been promoted."""
+    if content.get("schema") != 1:
+        return content
+    promoted = content.get("promoted") or []
+    names = {k: v for k, v in (content.get("names") or {}).items() if k != CANDIDATE or v not in promoted}
+    return {**content, "schema": LAYOUT, "sequence": 0, "promoted": promoted, "names": names}
 
 
 def write_aliases(path: Path, aliases: Aliases) -> None:

@@ -1,113 +1,170 @@
-"""The versions of one hand: immutable folders, a few names that move, and no state in between.
+"""The versions of one hand: immutable folders, a log of what was decided about them, and names that move.
 
-A version is written into a hidden folder beside the others, made durable, and renamed into place. A process that is
-killed at any moment leaves the old set or the new one, and a hidden folder that the next writer removes. Readers need
-no lock; writers hold one, which the kernel releases when they die.
+A version is written into a hidden folder beside the others, made durable, and renamed into place; then the decision is
+logged, then the names move. A process that is killed at any moment leaves the old state or the new one, and what the
+next writer finishes or removes. Readers need no lock; writers hold one, which the kernel releases when they die.
 """
 
 from __future__ import annotations
 
-import fcntl
-import os
-import re
-import shutil
-import tempfile
-import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 
-from twin_daemon.errors import BadInput, NoAnswer, nearest
-from twin_daemon.files import leftovers, sync_folder, write_atomically
+from twin_daemon.errors import BadInput, nearest
+from twin_daemon.files import write_atomically
 from twin_daemon.resources import models_dir, state_dir
-from twin_daemon.versions.aliases import CURRENT, PREVIOUS, Aliases, read_aliases, write_aliases
-from twin_daemon.versions.folder import read_folder, read_model, write_folder
+from twin_daemon.versions.aliases import CANDIDATE, CURRENT, PREVIOUS
+from twin_daemon.versions.decisions import DecisionLog
+from twin_daemon.versions.index import Index
+from twin_daemon.versions.ledger import Ledger, order
+from twin_daemon.versions.locking import locked, machine_errors
+from twin_daemon.versions.shelf import ID, NAME, Shelf, Stored, Survey
 from twin_daemon.versions.version import Draft, Version, seal
 
 SHORTEST_PREFIX = 4
-_HIDDEN = ".new-"
-_LOCK_WAIT_S = 30.0
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
-_ID = re.compile(r"[0-9a-f]{64}")
+HANDS = "hands"
 
 
 @dataclass(frozen=True)
-class Stored:
-    """Where a version is. `name` is set for those that come with the package."""
+class Note:
+    """What a person wrote beside a version. `at` is UTC."""
 
-    id: str
-    folder: Path
-    name: str | None = None
-
-    @property
-    def shipped(self) -> bool:
-        return self.name is not None
+    at: str
+    text: str
 
 
 class VersionStore:
-    """Versions of the hand called `hand`, stored under `root` (default: the state folder), plus the shipped ones."""
+    """Versions of the hand called `hand`, stored under `root` (default: the state folder), plus the shipped ones.
 
-    def __init__(self, hand: str, root: Path | None = None, shipped: Path | None = None) -> None:
-        if not _NAME.fullmatch(hand):
+    `now` is the clock that decisions and versions are stamped with (UTC); nothing is ordered by it.
+    """
+
+    def __init__(
+        self,
+        hand: str,
+        root: Path | None = None,
+        shipped: Path | None = None,
+        now: Callable[[], datetime] = lambda: datetime.now(UTC),
+    ) -> None:
+        if not NAME.fullmatch(hand):
             raise BadInput(f"'{hand}' cannot name a folder of versions", allowed="letters, digits and _.-")
         self.hand = hand
-        self.root = root if root is not None else state_dir() / "hands" / hand
-        self._folders = self.root / "versions"
-        self._aliases = self.root / "aliases.json"
-        self._shipped = shipped if shipped is not None else models_dir() / hand / "versions"
+        self.root = root if root is not None else state_dir() / HANDS / hand
+        self.now = now
+        self.index = Index(self.root)
+        self.ledger = Ledger(self.root, now, self.index)
+        self.shelf = Shelf(
+            hand,
+            self.root / "versions",
+            shipped if shipped is not None else models_dir() / hand / "versions",
+            self.index,
+        )
 
     # -- writing
 
     def add(self, draft: Draft, mjcf: str, *, alias: str | None = None) -> Version:
         """Store a version and, if asked, let `alias` (usually `candidate`) point at it.
 
-        The same content always gets the same id; adding it again stores nothing new.
+        The same content always gets the same id; adding it again stores nothing new. When this returns, the version
+        survives a loss of power. Raises BadInput where the disk is full or cannot be written; then nothing was stored.
         """
-        version = seal(draft, mjcf)
-        with self._writing():
-            target = self._folders / version.id
-            if not self._intact(target):
-                self._put(version, mjcf, target)
-            if alias is not None:
-                self._point(alias, version.id)
-        return self._read(Stored(version.id, target))
+        version = seal(draft, mjcf, self.now())
+        if alias is not None:
+            _must_be_free(alias)
+        with self.writing(), self.shelf.putting(version, mjcf) as new:
+            if new:
+                self.ledger.decide("stored", version=version.id, name=alias)
+            elif alias is not None and self.aliases().get(alias) != version.id:
+                self.ledger.decide("named", version=version.id, name=alias)
+        return self.get(version.id)
 
     def set_alias(self, alias: str, reference: str) -> Version:
         """Let a name point at a version. `current` promotes; `previous` follows by itself."""
-        version = self.get(reference)
-        with self._writing():
-            self._point(alias, version.id)
+        if alias == CURRENT:
+            return self.promote(reference)
+        _must_be_free(alias)
+        with self.writing():
+            version = self._usable(reference)
+            if self.aliases().get(alias) != version.id:
+                self.ledger.decide("named", version=version.id, name=alias)
         return version
 
-    def promote(self, reference: str = "candidate") -> Version:
-        """Make a version current; what was current becomes previous."""
-        return self.set_alias(CURRENT, reference)
+    def remove_alias(self, alias: str) -> str:
+        """Take a name of your own away; returns the id that it pointed at."""
+        _must_be_free(alias)
+        with self.writing():
+            version_id = self.aliases().get(alias)
+            if version_id is None:
+                raise BadInput(f"no version of {self.hand} is called '{alias}'", todo="See 'twin versions list'")
+            self.ledger.decide("unnamed", version=version_id, name=alias)
+        return version_id
 
-    def rollback(self) -> Version:
-        """Make the previous version current again. Raises BadInput if there is none, or if it is damaged."""
-        with self._writing():
-            aliases = read_aliases(self._aliases)
-            if len(aliases.promoted) < 2:
+    def promote(self, reference: str = CANDIDATE) -> Version:
+        """Make a version current; what was current becomes previous. A candidate is decided about by that."""
+        with self.writing():
+            version = self._usable(reference)
+            names = self.aliases()
+            if version.id != names.get(CURRENT) or version.id == names.get(CANDIDATE):
+                self.ledger.decide("promoted", version=version.id)
+        return version
+
+    def reject(self) -> Version:
+        """Decide against the candidate. The version stays; only the name goes."""
+        with self.writing():
+            version = self.get(CANDIDATE)
+            self.ledger.decide("rejected", version=version.id)
+        return version
+
+    def rollback(self, expected: str | None = None) -> Version:
+        """Make the previous version current again. Raises BadInput if there is none, or if it is damaged.
+
+        With `expected` (an id) nothing moves unless that version is current: whoever found it bad may be late.
+        """
+        with self.writing():
+            names = self.aliases()
+            if expected is not None and names.get(CURRENT) != expected:
+                raise BadInput(
+                    f"{expected[:12]} is not current any more", where=f"versions of {self.hand}", todo="Nothing to do"
+                )
+            if PREVIOUS not in names:
                 raise BadInput(
                     "there is no previous version to go back to",
                     where=f"versions of {self.hand}",
                     todo="See 'twin versions list'",
                 )
-            version = self.get(aliases.promoted[-2])
-            write_aliases(self._aliases, aliases.roll_back())
+            version = self._usable(names[PREVIOUS])
+            self.ledger.decide("rolled_back", version=version.id)
+        return version
+
+    def note(self, reference: str, text: str) -> Version:
+        """Write a note beside a version, which itself never changes."""
+        if not text.strip():
+            raise BadInput("a note needs words")
+        with self.writing():
+            version = self.get(reference)
+            self.ledger.decide("noted", version=version.id, text=text.strip())
         return version
 
     # -- reading
 
     def get(self, reference: str) -> Version:
         """The version that an id, the start of one, an alias or a shipped name stands for, verified."""
-        return self._read(self.resolve(reference))
+        return self.shelf.read(self.resolve(reference)).version
 
     def model(self, reference: str) -> str:
-        """The MJCF text of a version, verified."""
+        """The MJCF text of a version, verified. Raises BadInput for a stub."""
         stored = self.resolve(reference)
-        return read_model(stored.folder, self._todo(stored))
+        contents = self.shelf.read(stored)
+        if contents.mjcf is None:
+            raise BadInput(
+                f"the model of {contents.version.short_id} was pruned; its numbers are still here",
+                where=stored.folder,
+                todo="Restore a backup that has it ('twin versions restore FILE --merge'), or use another version",
+            )
+        return contents.mjcf
 
     def current(self) -> Version | None:
         """The version in use; None while nothing was promoted (the nominal model is in use)."""
@@ -119,38 +176,69 @@ class VersionStore:
         return self.survey()[0]
 
     def survey(self) -> tuple[list[Version], list[str]]:
-        """Every version that can be read, oldest first, and one line for each that is damaged."""
-        versions: dict[str, Version] = {}
-        problems: list[str] = []
-        for stored in self._stored():
-            try:
-                versions.setdefault(stored.id, self._read(stored))
-            except BadInput as error:
-                problems.append(error.line())
-        return sorted(versions.values(), key=lambda version: (version.created, version.id)), problems
+        """Every version that can be read, oldest first, and one line for each that is damaged.
+
+        Files that look unchanged since they were verified are not read again; `verify` reads all.
+        """
+        found = self.everything()
+        return self.in_order(found), list(found.problems)
+
+    def everything(self, *, trust: bool = True) -> Survey:
+        """What `survey` says, with what is a stub. Without `trust` every file is read."""
+        return self.shelf.survey(trust=trust)
+
+    def in_order(self, found: Survey) -> list[Version]:
+        """Oldest first by when they were stored here; shipped and unlogged ones before, by when they were made."""
+        first = order(self.decisions().decisions)
+        return sorted(found.versions.values(), key=lambda v: (*first.get(v.id, (0, 0)), v.created, v.id))
+
+    def decisions(self) -> DecisionLog:
+        """Everything that was done to the versions of this hand, in order."""
+        return self.ledger.decisions()
 
     def aliases(self) -> dict[str, str]:
         """Names that move and the ids that they point at."""
-        return read_aliases(self._aliases).as_dict()
+        return self.ledger.aliases().as_dict()
 
     def names(self, version_id: str) -> list[str]:
         """Aliases and shipped names of a version."""
-        moving = [alias for alias, target in self.aliases().items() if target == version_id]
-        return moving + [stored.name for stored in self._stored() if stored.id == version_id and stored.name]
+        return self.all_names().get(version_id, [])
+
+    def all_names(self) -> dict[str, list[str]]:
+        """Aliases and shipped names by the id that they stand for."""
+        pairs = [(target, alias) for alias, target in self.aliases().items()]
+        pairs += [(s.id, s.name) for s in self.shelf.everything() if s.name]
+        found: dict[str, list[str]] = {}
+        for version_id, name in pairs:
+            found.setdefault(version_id, []).append(name)
+        return found
+
+    def notes(self) -> dict[str, list[Note]]:
+        """What was written beside versions, by id, oldest first."""
+        found: dict[str, list[Note]] = {}
+        for decision in self.decisions().decisions:
+            if decision.what == "noted" and decision.version and decision.text:
+                found.setdefault(decision.version, []).append(Note(decision.at, decision.text))
+        return found
 
     def shipped(self, version_id: str) -> bool:
         """Whether a version came with the package."""
-        return any(stored.id == version_id and stored.shipped for stored in self._stored())
+        return version_id in self.all_shipped()
+
+    def all_shipped(self) -> set[str]:
+        """The versions that came with the package."""
+        return {stored.id for stored in self.shelf.everything() if stored.shipped}
 
     def resolve(self, reference: str) -> Stored:
         """Where the version is that a reference stands for. Raises BadInput when there is none, or more than one."""
         aliases = self.aliases()
-        if reference in (CURRENT, PREVIOUS) and reference not in aliases:
-            raise BadInput(
-                f"no version of {self.hand} is {reference} yet", todo="Promote one: 'twin versions promote ID'"
-            )
+        if reference in (CURRENT, PREVIOUS, CANDIDATE) and reference not in aliases:
+            todo = "Promote one: 'twin versions promote ID'"
+            if reference == CANDIDATE:
+                todo = "Every stored one was decided about. 'twin calibrate' makes one; 'twin versions list' shows all"
+            raise BadInput(f"no version of {self.hand} is {reference} now", todo=todo)
         wanted = aliases.get(reference, reference)
-        everything = self._stored()
+        everything = self.shelf.everything()
         found = {s.id: s for s in reversed(everything) if wanted in (s.id, s.name)}
         if not found and len(wanted) >= SHORTEST_PREFIX:
             found = {s.id: s for s in reversed(everything) if s.id.startswith(wanted)}
@@ -171,7 +259,7 @@ class VersionStore:
         import mujoco  # the only thing here that needs the engine
 
         stored = self.resolve(reference)
-        mjcf = read_model(stored.folder, self._todo(stored))
+        mjcf = self.model(stored.id)
         try:
             mujoco.MjModel.from_xml_string(mjcf)
         except ValueError as error:
@@ -179,93 +267,30 @@ class VersionStore:
         if not path.absolute().parent.is_dir():
             raise BadInput("the folder does not exist", where=path, todo=f"Create {path.parent} or name another path")
         write_atomically(path, mjcf.encode())
-        return self._read(stored)
+        return self.get(stored.id)
 
-    # -- inside
-
-    def _stored(self) -> list[Stored]:
-        own = sorted(self._folders.iterdir()) if self._folders.is_dir() else []
-        found = [Stored(folder.name, folder) for folder in own if _ID.fullmatch(folder.name)]
-        for folder in sorted(self._shipped.iterdir()) if self._shipped.is_dir() else []:
-            if folder.is_dir() and _NAME.fullmatch(folder.name):
-                found.append(Stored(_claimed_id(folder), folder, name=folder.name))
-        return found
-
-    def _read(self, stored: Stored) -> Version:
-        version = read_folder(stored.folder, self._todo(stored))
-        if version.id != stored.id or version.hand != self.hand:
-            raise BadInput("this version belongs elsewhere", where=stored.folder, todo=self._todo(stored))
-        return version
-
-    def _todo(self, stored: Stored) -> str:
-        if stored.shipped:
-            return "Install the package again"
-        return f"Restore it from a backup or delete {stored.folder}; the other versions are not touched"
-
-    def _intact(self, folder: Path) -> bool:
-        try:
-            read_folder(folder, "")
-        except BadInput:
-            return False
-        return True
-
-    def _put(self, version: Version, mjcf: str, target: Path) -> None:
-        hidden = Path(tempfile.mkdtemp(prefix=_HIDDEN, dir=self._folders))
-        try:
-            write_folder(hidden / version.id, version, mjcf)
-            if target.exists():  # damaged: the same content is at hand, so it is put right
-                target.rename(hidden / "damaged")
-            (hidden / version.id).rename(target)
-            sync_folder(self._folders)
-        finally:
-            shutil.rmtree(hidden, ignore_errors=True)
-
-    def _point(self, alias: str, version_id: str) -> None:
-        if alias == PREVIOUS or not _NAME.fullmatch(alias) or _ID.fullmatch(alias):
-            raise BadInput(f"'{alias}' cannot be set", allowed="current, candidate, or a name of your own")
-        aliases: Aliases = read_aliases(self._aliases)
-        changed = aliases.promote(version_id) if alias == CURRENT else aliases.name(alias, version_id)
-        if changed != aliases:
-            write_aliases(self._aliases, changed)
+    # -- for those who write
 
     @contextmanager
-    def _writing(self) -> Iterator[None]:
-        """Alone among writers; what dead writers left behind is gone."""
-        self._folders.mkdir(parents=True, exist_ok=True)
-        handle = os.open(self.root / ".lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-        try:
-            _lock(handle, self.root)
-            for leftover in self._folders.glob(f"{_HIDDEN}*"):
-                shutil.rmtree(leftover, ignore_errors=True)
-            for half in leftovers(self._aliases):
-                half.unlink(missing_ok=True)
+    def writing(self, *, thorough: bool = False) -> Iterator[None]:
+        """Alone among writers; what dead writers left behind is finished or gone."""
+        with locked(self.root), machine_errors(self.root):
+            unfinished = self.shelf.sweep()
+            self.ledger.settle(self._own_by_age, thorough=thorough or unfinished)
             yield
-        finally:
-            os.close(handle)
+
+    def _own_by_age(self) -> list[str]:
+        own = {stored.id for stored in self.shelf.own()}
+        versions = (version for key, version in self.shelf.survey().versions.items() if key in own)
+        made = {version.id: version.created for version in versions}
+        return sorted(made, key=lambda version_id: (made[version_id], version_id))
+
+    def _usable(self, reference: str) -> Version:
+        """A version with its model, which is what a name may point at."""
+        self.model(reference)
+        return self.get(reference)
 
 
-def _lock(handle: int, where: Path) -> None:
-    deadline = time.monotonic() + _LOCK_WAIT_S
-    while True:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            return
-        except BlockingIOError:
-            if time.monotonic() > deadline:
-                raise NoAnswer(
-                    "another process has been writing versions for too long", where=where, todo="End it and try again"
-                ) from None
-            time.sleep(0.01)
-
-
-def _claimed_id(folder: Path) -> str:
-    """The id that a shipped folder says it has; verified only when it is read."""
-    found = re.search(r'"id": "([0-9a-f]{64})"', _text(folder / "version.json"))
-    return found.group(1) if found else f"unreadable-{folder.name}"
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return ""
+def _must_be_free(alias: str) -> None:
+    if alias in (CURRENT, PREVIOUS) or not NAME.fullmatch(alias) or ID.fullmatch(alias):
+        raise BadInput(f"'{alias}' cannot be set", allowed="candidate, or a name of your own")

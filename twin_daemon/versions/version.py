@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import platform
 from datetime import UTC, datetime
+from functools import cache
 from importlib import metadata
 from typing import Any, Literal
 
@@ -12,6 +13,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 import twin_daemon
 from twin_daemon.jsonable import canonical, plain
+
+VERSION_SCHEMA = 1  # of version.json: what `Version` reads, written into each one
 
 
 class _Strict(BaseModel):
@@ -57,7 +60,7 @@ class Draft(_Strict):
 class Version(Draft):
     """A stored version. `id` is the SHA-256 of everything else but `created`: it cannot change and keep its name."""
 
-    format: Literal[1] = Field(default=1, alias="schema")
+    format: Literal[1] = Field(default=VERSION_SCHEMA, alias="schema")
     id: str = Field(pattern=r"^[0-9a-f]{64}$")
     created: str = Field(description="UTC, ISO 8601")
     mjcf_sha256: str
@@ -69,28 +72,33 @@ class Version(Draft):
 
     def content_id(self) -> str:
         """The id that this content must bear."""
-        content = self.as_json()
-        del content["id"], content["created"]
-        return hashlib.sha256(canonical(content)).hexdigest()
+        return content_id(self.as_json())
 
     @property
     def short_id(self) -> str:
         return self.id[:12]
 
 
-def seal(draft: Draft, mjcf: str) -> Version:
-    """Give a draft its identity together with the MJCF that it compiles to."""
+def content_id(content: dict[str, Any]) -> str:
+    """The id of a version as its file spells it, so that fields which came later do not change it."""
+    named = {key: value for key, value in content.items() if key not in ("id", "created")}
+    return hashlib.sha256(canonical(named)).hexdigest()
+
+
+def seal(draft: Draft, mjcf: str, made: datetime | None = None) -> Version:
+    """Give a draft its identity together with the MJCF that it compiles to. `made` (UTC) is now by default."""
     finite = Draft.model_validate(_finite(draft.model_dump(mode="python"), where=draft.kind))
     unnamed = Version(
         **finite.model_dump(),
         id="0" * 64,
-        created=datetime.now(UTC).isoformat(timespec="microseconds"),
+        created=(made or datetime.now(UTC)).isoformat(timespec="microseconds"),
         mjcf_sha256=hashlib.sha256(mjcf.encode()).hexdigest(),
         program=program_versions(),
     )
     return unnamed.model_copy(update={"id": unnamed.content_id()})
 
 
+@cache
 def program_versions() -> dict[str, str]:
     """What computed the numbers, so that a difference between two versions can be traced to it."""
     return {

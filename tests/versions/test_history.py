@@ -1,0 +1,172 @@
+"""Where a hand is heading, by its promoted versions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from twin_daemon.cli.versions_history import heading, lifetime
+from twin_daemon.errors import BadInput
+from twin_daemon.figures.difference import difference_figure
+from twin_daemon.figures.history import history_figure
+from twin_daemon.versions import Draft, ParameterRecord, VersionStore, diff
+from twin_daemon.versions.history import Series, history, promotions
+from twin_daemon.versions.trend import Sample, fit_trend, leaving
+
+START = datetime(2026, 1, 1, tzinfo=UTC)
+
+
+class Weeks:
+    """A hand that is looked at once a week."""
+
+    def __init__(self, root: Path, mjcf: str) -> None:
+        self.day = 0.0
+        self.store = VersionStore("hand", root=root, shipped=root / "none", now=lambda: START + timedelta(self.day))
+        self._mjcf = mjcf
+
+    def look(self, damping: float, half: float = 0.01, *, play: float | None = None) -> str:
+        effects = [] if play is None else [{"effect": "backlash", "target": "FFJ3", "values": {"gap": play}}]
+        record = ParameterRecord(
+            value=damping, unit="N m s/rad", lower=0.0, upper=1.0, ci95=(damping - half, damping + half)
+        )
+        draft = Draft(
+            hand="hand",
+            kind="calibrated",
+            terms={"parameters": {"FFJ3.damping": damping, "FFJ3.kp": 2.0}, "effects": effects},
+            parameters={"FFJ3.damping": record},
+            title=f"day {self.day:g}",
+        )
+        version = self.store.promote(self.store.add(draft, self._mjcf).id).id
+        self.day += 7.0
+        return version
+
+
+@pytest.fixture
+def weeks(tmp_path: Path, mjcf: str) -> Weeks:
+    return Weeks(tmp_path / "hand", mjcf)
+
+
+def series(weeks: Weeks, name: str) -> Series:
+    (found,) = history(weeks.store, [name])
+    return found
+
+
+def test_wear_is_a_trend_with_the_day_it_leaves_its_band(weeks: Weeks) -> None:
+    for week in range(6):
+        weeks.look(0.2 + 0.07 * week)
+    damping = series(weeks, "FFJ3.damping")
+    assert damping.unit == "N m s/rad"
+    assert damping.trend.verdict == "rising"
+    assert damping.trend.slope_per_day == pytest.approx(0.01)
+    left = damping.leaves_band
+    assert left is not None
+    assert (left.bound, left.value) == ("upper", 1.0)
+    assert left.at is not None
+    assert abs(left.at - (START + timedelta(days=80))) < timedelta(seconds=1)
+    assert left.earliest is not None
+    assert left.latest is not None
+    assert left.earliest < left.at < left.latest
+
+
+def test_a_hand_that_stays_as_it_is_has_no_trend(weeks: Weeks) -> None:
+    for value in (0.3, 0.305, 0.298, 0.302, 0.301):
+        weeks.look(value)
+    damping = series(weeks, "FFJ3.damping")
+    assert damping.trend.verdict == "no_trend"
+    assert damping.trend.slope_ci95 is not None
+    assert damping.trend.slope_ci95[0] < 0 < damping.trend.slope_ci95[1]
+    assert damping.leaves_band is None
+    assert series(weeks, "FFJ3.kp").trend.verdict == "too_few", "it was set once and never fitted"
+
+
+def test_what_was_rolled_back_does_not_count(weeks: Weeks) -> None:
+    first = weeks.look(0.2)
+    weeks.look(0.9)
+    weeks.store.rollback()
+    last = weeks.look(0.21)
+    weeks.store.promote(first)
+    assert [p.version.id for p in promotions(weeks.store)] == [first, last], "an old version again is no new look"
+
+
+def test_an_effect_appears_in_the_history(weeks: Weeks) -> None:
+    weeks.look(0.2)
+    for play in (0.01, 0.02, 0.03):
+        weeks.look(0.2, play=play)
+    gap = series(weeks, "backlash:FFJ3.gap")
+    assert [point.value for point in gap.points] == [0.01, 0.02, 0.03]
+    assert gap.points[0].at == START + timedelta(days=7)
+    assert gap.unit == "rad"
+    assert gap.trend.verdict == "rising"
+    assert gap.leaves_band is not None, "the library of effects knows its bounds"
+    assert lifetime(gap, promotions(weeks.store)) == "appeared 2026-01-08"
+    assert "leaves its band at 1 about" in heading(gap)
+
+
+def test_a_clock_that_was_set_back_does_not_turn_time_around(weeks: Weeks) -> None:
+    for week in range(4):
+        weeks.look(0.2 + 0.07 * week)
+        if week == 1:
+            weeks.day -= 8.0
+    times = [promotion.at for promotion in promotions(weeks.store)]
+    assert times == sorted(times)
+    assert [point.value for point in series(weeks, "FFJ3.damping").points] == pytest.approx([0.2, 0.27, 0.34, 0.41])
+
+
+def test_what_is_not_there_is_said(weeks: Weeks) -> None:
+    with pytest.raises(BadInput, match="ever promoted"):
+        history(weeks.store)
+    weeks.look(0.2)
+    with pytest.raises(BadInput, match=r"FFJ3\.damping"):
+        history(weeks.store, ["FFJ3.dampling"])
+    assert {one.name for one in history(weeks.store, ["FFJ3"])} == {"FFJ3.damping", "FFJ3.kp"}
+
+
+def test_figures_show_every_value(weeks: Weeks, draft: Callable[..., Draft], mjcf: str) -> None:
+    before = weeks.look(0.2)
+    after = weeks.look(0.5, play=0.01)
+    figure = history_figure("hand", history(weeks.store))
+    drawn = [value for trace in figure.data for value in trace.y]
+    assert {0.2, 0.5, 0.01, 2.0} <= set(drawn)
+    compared = difference_figure(diff(weeks.store.get(before), weeks.store.get(after)), "old", "new")
+    assert {value for trace in compared.data for value in trace.x} == {0.2, 0.5, None, 0.01}
+    assert compared.data[0].error_x.array[0] == pytest.approx(0.01)
+    same = weeks.store.get(before)
+    assert difference_figure(diff(same, same), "old", "old").layout.annotations[0].text == "nothing differs"
+
+
+def samples(days: Sequence[float], values: Sequence[float], half: float | None) -> list[Sample]:
+    return [
+        Sample(day, value, None if half is None else (value - half, value + half))
+        for day, value in zip(days, values, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("half", [0.196, 0.02, None], ids=["right", "too small", "none"])
+def test_the_slopes_interval_holds_the_truth_as_often_as_it_says(half: float | None, rng: np.random.Generator) -> None:
+    days, trials = np.arange(8.0), 400
+    held = 0
+    for _ in range(trials):
+        trend = fit_trend(samples(days, 1.0 + 0.05 * days + rng.normal(0.0, 0.1, days.size), half))
+        assert trend.slope_ci95 is not None
+        held += trend.slope_ci95[0] <= 0.05 <= trend.slope_ci95[1]
+    assert 0.92 <= held / trials <= 0.99
+
+
+def test_two_values_need_intervals_and_two_days() -> None:
+    assert fit_trend(samples([0, 1], [1.0, 2.0], None)).verdict == "too_few"
+    assert fit_trend(samples([1, 1], [1.0, 2.0], 0.1)).verdict == "too_few"
+    assert fit_trend(samples([0, 1], [1.0, 2.0], 0.1)).verdict == "rising"
+    assert fit_trend(samples([0, 1], [1.0, 2.0], 5.0)).verdict == "no_trend"
+    assert fit_trend(samples([0, 1, 2], [1.0, 1.0, 1.0], 0.0)).verdict == "no_trend"
+
+
+def test_what_is_outside_already_leaves_today_and_an_open_band_never() -> None:
+    falling = fit_trend(samples([0, 1, 2], [3.0, 2.0, 1.0], 0.1))
+    left = leaving(falling, (2.5, 4.0), today=2.0)
+    assert left is not None
+    assert (left.bound, left.day, left.earliest_day, left.latest_day) == ("lower", 2.0, 2.0, 2.0)
+    assert leaving(falling, (None, 4.0), today=2.0) is None

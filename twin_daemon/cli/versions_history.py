@@ -1,0 +1,121 @@
+"""`twin versions history`: each parameter and effect over time, and when it will leave its band."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from twin_daemon.cli.console import emit_json, people, plain_text
+from twin_daemon.cli.options import HandName, Json, Model
+from twin_daemon.cli.session import require_folder
+from twin_daemon.cli.tables import slim_table
+from twin_daemon.cli.versions_care import open_store
+
+if TYPE_CHECKING:
+    from twin_daemon.versions.history import Promotion, Series
+
+_WEEK_DAYS = 7.0
+
+
+def history(
+    parameter: Annotated[
+        list[str] | None,
+        typer.Option("--parameter", metavar="P...", help="Only these: a name, or a part of one such as a joint."),
+    ] = None,
+    plot: Annotated[Path | None, typer.Option("--plot", metavar="FILE.html", help="Draw it.")] = None,
+    hand: HandName = None,
+    model: Model = None,
+    json: Json = None,
+) -> None:
+    """Each parameter and each value of an effect, promotion by promotion, with intervals, and where it is heading.
+
+    A straight line is fitted to what was fitted (weighted by the intervals). There is no trend where the slope's
+    interval holds 0. Versions that were rolled back do not count.
+    """
+    from twin_daemon.versions.history import history as histories
+    from twin_daemon.versions.history import promotions
+
+    require_folder(json, plot)
+    store = open_store(hand, model)
+    series = histories(store, parameter or ())
+    promoted = promotions(store)
+    if plot is not None:
+        from twin_daemon.figures.history import history_figure
+        from twin_daemon.figures.style import write_page
+
+        write_page(history_figure(store.hand, series), plot)
+    _show(series, promoted, json)
+    emit_json(
+        json,
+        {
+            "hand": store.hand,
+            "promotions": [{"at": p.at, "exact": p.exact, "version": p.version.id} for p in promoted],
+            "parameters": {one.name: _plain(one) | {"lifetime": lifetime(one, promoted)} for one in series},
+            "plot": plot,
+        },
+    )
+
+
+def _plain(series: Series) -> dict[str, Any]:
+    trend, left = series.trend, series.leaves_band
+    return {
+        "unit": series.unit,
+        "points": series.points,
+        "band": series.band,
+        "trend": {
+            "verdict": trend.verdict,
+            "samples": trend.samples,
+            "slope_per_day": trend.slope_per_day,
+            "slope_ci95": trend.slope_ci95,
+        },
+        "leaves_band": left,
+        "words": heading(series),
+    }
+
+
+def heading(series: Series) -> str:
+    """Where a series is heading, in words."""
+    trend, left = series.trend, series.leaves_band
+    if trend.verdict == "too_few":
+        return "too few values for a trend"
+    if trend.verdict == "no_trend" or trend.slope_per_day is None or trend.slope_ci95 is None:
+        return "no trend"
+    week = [_WEEK_DAYS * slope for slope in (trend.slope_per_day, *trend.slope_ci95)]
+    text = f"{week[0]:+.3g} [{week[1]:.3g}, {week[2]:.3g}] a week"
+    if left is None:
+        return f"{text}; its band is not known" if series.band == (None, None) else text
+    if left.at is None:
+        return f"{text}; not within this age of the world"
+    ends = [when.date().isoformat() if when else "never" for when in (left.earliest, left.latest)]
+    return f"{text}; leaves its band at {left.value:.4g} about {left.at.date().isoformat()} ({ends[0]} to {ends[1]})"
+
+
+def lifetime(series: Series, promoted: Sequence[Promotion]) -> str:
+    """When something appeared or went, where it was not there all along."""
+    first, last = series.points[0], series.points[-1]
+    said = [f"appeared {first.at.date()}"] if first.version != promoted[0].version.id else []
+    said += [f"last seen {last.at.date()}"] if last.version != promoted[-1].version.id else []
+    return ", ".join(said)
+
+
+def _show(series: Sequence[Series], promoted: Sequence[Promotion], json: str | None) -> None:
+    console = people(json)
+    first, last = promoted[0].at.date(), promoted[-1].at.date()
+    title = f"{len(promoted)} promoted versions, {first} to {last} (UTC)"
+    table = slim_table(title, ("parameter", "first", "last", "95 % interval", "unit", "trend"))
+    for one in series:
+        end = one.points[-1]
+        interval = "unknown" if end.ci95 is None else f"{end.ci95[0]:.3g} to {end.ci95[1]:.3g}"
+        values = (f"{one.points[0].value:.4g}", f"{end.value:.4g}")
+        table.add_row(
+            plain_text(one.name), *values, interval, plain_text(one.unit), one.trend.verdict.replace("_", " ")
+        )
+    console.print(table)
+    for one in series:
+        lived = lifetime(one, promoted)
+        moves = heading(one) if one.trend.verdict in ("rising", "falling") else ""
+        if lived or moves:
+            console.print(plain_text(f"{one.name}: {'; '.join(filter(None, (lived, moves)))}"), soft_wrap=True)

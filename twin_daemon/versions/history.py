@@ -1,0 +1,184 @@
+"""The history of a hand: what each parameter and each value of an effect was found to be, promotion by promotion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+from twin_daemon.effects import LIBRARY
+from twin_daemon.errors import BadInput, nearest
+from twin_daemon.versions.decisions import Decision
+from twin_daemon.versions.store import VersionStore
+from twin_daemon.versions.trend import Leaving, Sample, Trend, fit_trend, leaving
+from twin_daemon.versions.version import Version
+
+_DAY_S = 86400.0
+
+
+@dataclass(frozen=True)
+class Promotion:
+    """A version that became current and was not rolled back. `at` is UTC and never earlier than the one before.
+
+    `exact` is False where only the time at which the version was made is known.
+    """
+
+    at: datetime
+    version: Version
+    exact: bool = True
+
+
+@dataclass(frozen=True)
+class Point:
+    """One value of a series. `ci95` is None where it was carried over or set, not fitted."""
+
+    at: datetime
+    version: str
+    value: float
+    ci95: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class LeavesBand:
+    """When the trend leaves the band, if it goes on. A time is None where it is beyond every calendar."""
+
+    bound: str
+    value: float
+    at: datetime | None
+    earliest: datetime | None
+    latest: datetime | None
+
+
+@dataclass(frozen=True)
+class Series:
+    """A parameter or a value of an effect over time. `band` is (lower, upper) in `unit`; None where unknown."""
+
+    name: str
+    unit: str
+    points: tuple[Point, ...]
+    band: tuple[float | None, float | None]
+    trend: Trend
+    leaves_band: LeavesBand | None
+
+
+def promotions(store: VersionStore) -> list[Promotion]:
+    """Every promotion that stood, oldest first. A clock that was set back does not turn time around."""
+    found = store.everything().versions
+    standing: list[tuple[str, str | None]] = []
+    for decision in store.decisions().decisions:
+        _follow(standing, decision)
+    out: list[Promotion] = []
+    for version_id, at in standing:
+        version = found.get(version_id)
+        if version is None or any(version_id == earlier.version.id for earlier in out):
+            continue  # promoting a version again is no new look at the hand
+        when = datetime.fromisoformat(at or version.created)
+        out.append(Promotion(max(when, out[-1].at) if out else when, version, at is not None))
+    return out
+
+
+def history(store: VersionStore, names: Sequence[str] = ()) -> list[Series]:
+    """All series, or those whose names are given (whole, or a part of them such as a joint). Raises BadInput."""
+    promoted = promotions(store)
+    if not promoted:
+        raise BadInput(
+            f"no version of {store.hand} was ever promoted, so there is no history",
+            todo="Promote one: 'twin versions promote'",
+        )
+    gathered: dict[str, list[Point]] = {}
+    units: dict[str, str] = {}
+    bands: dict[str, tuple[float | None, float | None]] = {}
+    for promotion in promoted:
+        for name, value, ci95 in _values(promotion.version):
+            gathered.setdefault(name, []).append(Point(promotion.at, promotion.version.id, value, ci95))
+        for name, record in promotion.version.parameters.items():
+            units[name] = record.unit or units.get(name, "")
+            if record.lower is not None or record.upper is not None:
+                bands[name] = (record.lower, record.upper)
+    today = max(store.now(), promoted[-1].at)
+    return [
+        _series(name, units.get(name, _of_library(name)[0]), points, bands.get(name, _of_library(name)[1]), today)
+        for name, points in _chosen(gathered, names).items()
+    ]
+
+
+def _follow(standing: list[tuple[str, str | None]], decision: Decision) -> None:
+    if decision.what == "promoted" and decision.version:
+        if not standing or standing[-1][0] != decision.version:
+            standing.append((decision.version, decision.at))
+    elif decision.what == "rolled_back" and standing:
+        standing.pop()
+    elif decision.what == "checkpoint" and not standing:
+        standing += [(version, None) for version in decision.promoted]
+
+
+def _values(version: Version) -> Iterator[tuple[str, float, tuple[float, float] | None]]:
+    """Everything that a version sets, fitted or carried over."""
+    fitted = {name: p for name, p in version.parameters.items() if p.value is not None}
+    plain = dict((version.terms.get("parameters") or {}).items())
+    for effect in version.terms.get("effects") or []:
+        place = f"{effect.get('effect')}:{effect.get('target')}"
+        plain |= {f"{place}.{name}": value for name, value in (effect.get("values") or {}).items()}
+    for name, value in plain.items():
+        if name not in fitted and isinstance(value, (int, float)) and not isinstance(value, bool):
+            yield name, float(value), None
+    for name, parameter in fitted.items():
+        yield name, float(parameter.value or 0.0), parameter.ci95
+
+
+def _of_library(name: str) -> tuple[str, tuple[float | None, float | None]]:
+    """Unit and bounds of "effect:target.value" as the library of effects knows them."""
+    place, _, value = name.rpartition(".")
+    effect = LIBRARY.get(place.partition(":")[0]) if ":" in place else None
+    for parameter in effect.parameters if effect is not None else ():
+        if parameter.name == value:
+            return parameter.unit, (parameter.lower, parameter.upper)
+    return "", (None, None)
+
+
+def _chosen(gathered: dict[str, list[Point]], names: Sequence[str]) -> dict[str, list[Point]]:
+    chosen: dict[str, list[Point]] = {}
+    for wanted in names:
+        found = [wanted] if wanted in gathered else [name for name in gathered if wanted in name]
+        if not found:
+            raise BadInput(f"no promoted version has a parameter '{wanted}'", todo=nearest(wanted, gathered))
+        chosen |= {name: gathered[name] for name in found}
+    return chosen if names else gathered
+
+
+def _series(
+    name: str, unit: str, points: list[Point], band: tuple[float | None, float | None], today: datetime
+) -> Series:
+    start = points[0].at
+    trend = fit_trend([Sample(_days(p.at - start), p.value, p.ci95) for p in _measured(points)])
+    left = leaving(trend, band, _days(today - start))
+    return Series(name, unit, tuple(points), band, trend, None if left is None else _dated(left, start))
+
+
+def _measured(points: list[Point]) -> list[Point]:
+    """What was fitted; where nothing was, each value once, when it was set."""
+    fitted = [point for point in points if point.ci95 is not None]
+    if fitted:
+        return fitted
+    return [p for i, p in enumerate(points) if i == 0 or p.value != points[i - 1].value]
+
+
+def _dated(left: Leaving, start: datetime) -> LeavesBand:
+    return LeavesBand(
+        bound=left.bound,
+        value=left.value,
+        at=_date(start, left.day),
+        earliest=_date(start, left.earliest_day),
+        latest=_date(start, left.latest_day),
+    )
+
+
+def _date(start: datetime, day: float) -> datetime | None:
+    try:
+        return start + timedelta(days=day)
+    except OverflowError:
+        return None
+
+
+def _days(span: timedelta) -> float:
+    return span.total_seconds() / _DAY_S
