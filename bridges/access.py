@@ -18,7 +18,7 @@ from twin_daemon.resources import state_dir
 
 PUBLIC = (ANONYMOUS, ANONYMOUS)
 """What everybody may use who has no identity; it looks where looking is free."""
-_LOOK = ("state", "residual", "version", "versions", "drift", "model", "events", "health", "diagnosis")
+_LOOK = ("state", "residual", "version", "versions", "drift", "model", "events", "health", "diagnosis", "recalibration")
 _WORK = ("keep", "diagnose")  # they write to the disk, or take the machine's time
 
 

@@ -85,8 +85,8 @@ class Gatekeeper:
     """Serves `command/*` and turns the gate in a thread of its own.
 
     A request is the JSON of its verb, with a proof of who asks as the attachment; the reply says accepted or refused
-    and why. `command/target` can be put as well as asked: a stream then needs no replies. `others` answer further
-    verbs, with their payload and proof.
+    and why. `command/target` can be put as well as asked: a stream then needs no replies. `recalibrate` begins a
+    recalibration in the name of who asks, or says why not.
     """
 
     def __init__(
@@ -96,13 +96,13 @@ class Gatekeeper:
         register: Register,
         keyring: Keyring,
         description: HandDescription,
-        others: dict[str, Callable[[bytes, Proof | None], dict[str, Any]]] | None = None,
+        recalibrate: Callable[[str], str | None] = lambda _: "this daemon does not recalibrate",
     ) -> None:
         self.gate = gate
         gate.witness = register
         self._register = register
         self._keyring = keyring
-        self._others = {"status": lambda _payload, _proof: self.status(), **(others or {})}
+        self._recalibrate = recalibrate
         self._key = lambda verb: description.key("command", verb=verb)
         self._guard = Guard(log)
         self._spent_s = {what: deque[float](maxlen=2000) for what in ("turn", "request")}
@@ -152,10 +152,10 @@ class Gatekeeper:
 
     def _answer(self, verb: str, payload: bytes, proof: Proof | None) -> dict[str, Any]:
         began_s = time.thread_time()  # the processor's time: what others take of the machine is theirs
-        if verb in self._others:
-            return self._others[verb](payload, proof)
+        if verb == "status":
+            return self.status()
         if verb not in KINDS:
-            return _refused(verb, "verb", f"there is no command '{verb}'", nearest(verb, [*KINDS, *self._others]))
+            return _refused(verb, "verb", f"there is no command '{verb}'", nearest(verb, [*KINDS, "status"]))
         try:
             request = read_request(verb, payload)
         except BadRequest as error:
@@ -163,6 +163,10 @@ class Gatekeeper:
         who = self._keyring.who(verb, payload, proof)
         answer = self.gate.ask(verb, request, who, time.monotonic(), time.time_ns())
         self._wake.set()
+        if verb == "recalibrate" and answer["accepted"] and who is not None:
+            why = self._recalibrate(who.name)
+            if why is not None:
+                answer |= {"accepted": False, "check": "recalibration", "why": why, "consequence": "nothing changes"}
         if verb == "target":
             self._spent_s["request"].append(time.thread_time() - began_s)
         self._guard.run("the events", self._register.tell)

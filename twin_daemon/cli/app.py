@@ -39,6 +39,9 @@ COMMANDS: dict[str, Entry] = {
     "compare": Entry("compare", "The model against measurements, joint by joint.", OFFLINE),
     "check": Entry("check", "What the data can and cannot tell, before a fit.", OFFLINE),
     "calibrate": Entry("calibrate", "Fit parameters to recordings and store the result as a version.", OFFLINE),
+    "recalibrate": Entry(
+        "recalibrate", "Follow the wear: refit the version in use, and decide if it is better.", OFFLINE
+    ),
     "diagnose": Entry("diagnose", "Which physical effect the twin lacks, with evidence.", OFFLINE),
     "add": Entry("add", "Put an effect into the twin, fitted where there are recordings.", OFFLINE),
     "remove": Entry("remove", "Take an effect out of the twin again.", OFFLINE),

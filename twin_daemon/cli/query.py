@@ -27,12 +27,14 @@ class Question(StrEnum):
     events = "events"
     diagnose = "diagnose"
     diagnosis = "diagnosis"
+    recalibration = "recalibration"
     model = "model"
 
 
 def command(
     question: Annotated[
-        Question, typer.Argument(metavar="state|residual|version|health|drift|events|model|diagnose|diagnosis")
+        Question,
+        typer.Argument(metavar="state|residual|version|health|drift|events|recalibration|model|diagnose|diagnosis"),
     ] = Question.state,
     hand: HandName = None,
     model: Model = None,

@@ -14,14 +14,15 @@ import typer
 
 from twin_daemon.cli.options import HandName, Model, Seconds, VersionRef
 from twin_daemon.cli.session import silence_mujoco
-from twin_daemon.errors import BadInput, TwinError
+from twin_daemon.errors import BadInput
 from twin_daemon.resources import state_dir
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bridges.diagnoser import Diagnoser
-    from twin_daemon.daemon.models import ModelSource
+    from bridges.recalibrator import Recalibrator
+    from twin_daemon.daemon.promotions import Promotions
     from twin_daemon.daemon.service import TwinService
     from twin_daemon.hand import Hand
 
@@ -52,6 +53,7 @@ def command(
     from bridges.diagnoser import Diagnoser
     from bridges.gatekeeper import Gatekeeper, Register
     from bridges.keep import Keeper
+    from bridges.recalibrator import Recalibrator
     from bridges.ring import Ring
     from bridges.ros_keys import RosKeys
     from bridges.session import choose_endpoint, open_daemon, someone_serves
@@ -59,6 +61,7 @@ def command(
     from bridges.zenoh_bridge import ZenohBridge
     from twin_daemon.daemon.models import ModelSource
     from twin_daemon.daemon.notify import Notifier
+    from twin_daemon.daemon.promotions import Promotions
     from twin_daemon.daemon.service import TwinService
     from twin_daemon.daemon.settings import TwinConfig, load_config
     from twin_daemon.gate.audit import AuditLog
@@ -97,11 +100,23 @@ def command(
         ros = RosKeys(settings.ros) if settings.ros is not None else None
         diagnoser = Diagnoser(keeper, service, _named_hand(hand, model))
         stack.callback(diagnoser.close)
-        answers = {"versions": source.answer, "diagnose": diagnoser.start, "diagnosis": diagnoser.latest}
+        named = [*_named_hand(hand, model), "--namespace", service.namespace, "--endpoint", address]
+        recalibrator = Recalibrator(settings.recalibration, keeper, service, source.store, folder, named)
+        stack.callback(recalibrator.close)
+        promotions = Promotions(source)
+        stack.callback(promotions.close)
+        answers = {
+            "versions": source.answer,
+            "diagnose": diagnoser.start,
+            "diagnosis": diagnoser.latest,
+            "recalibration": recalibrator.status,
+        }
         if gate is not None:
             audit = AuditLog(folder / AUDIT)
             stack.callback(audit.close)
-            gatekeeper = Gatekeeper(session, gate, Register(audit, service.tell), keyring, chosen.description)
+            gatekeeper = Gatekeeper(
+                session, gate, Register(audit, service.tell), keyring, chosen.description, recalibrator.ask
+            )
             stack.callback(gatekeeper.close)
         bridge = ZenohBridge(session, service, answers, ring, ros)
         stack.callback(bridge.close)
@@ -116,7 +131,7 @@ def command(
         gc.collect()
         gc.freeze()  # what is here stays: the collector need not walk through it while samples wait
         notifier.say("READY=1")
-        bridge.run(stop, seconds, each_turn=_chores(service, source, notifier, diagnoser))
+        bridge.run(stop, seconds, each_turn=_chores(service, promotions, notifier, diagnoser, recalibrator))
         notifier.say("STOPPING=1")
     accepted = service.health()["joint_states"]["accepted"]
     log.info("the twin of %s has stopped; it followed %d joint states", service.namespace, accepted)
@@ -143,23 +158,25 @@ def _named_hand(hand: str | None, model: Path | None) -> list[str]:
     return [*(["--hand", hand] if hand else []), *(["--model", str(model)] if model else [])]
 
 
-def _chores(service: TwinService, source: ModelSource, notifier: Any, diagnoser: Diagnoser) -> Callable[[], None]:
-    """What the loop does between messages: feed the watchdog, take up a promoted version or a diagnosis."""
+def _chores(
+    service: TwinService, promotions: Promotions, notifier: Any, diagnoser: Diagnoser, recalibrator: Recalibrator
+) -> Callable[[], None]:
+    """What the loop does between messages: feed the watchdog, take up a promoted version, a diagnosis, a schedule."""
+    from bridges.recalibrator import live
+
     next_poll_s = time.monotonic() + _POLL_S
 
     def chores() -> None:
         nonlocal next_poll_s
         notifier.alive()
+        found = promotions.take()
+        if found is not None:
+            before = live(service)
+            service.use(*found)
+            recalibrator.taken_up(found[1], before)
         if time.monotonic() < next_poll_s:
             return
         next_poll_s = time.monotonic() + _POLL_S
         diagnoser.poll()
-        try:
-            found = source.poll()
-        except TwinError as error:
-            log.warning("the promoted version is not used: %s", error.line())
-            return
-        if found is not None:
-            service.use(*found)
 
     return chores

@@ -131,10 +131,12 @@ class Predictor:
         self._pending.clear()
 
     def inherit(self, other: Predictor) -> None:
-        """Takes over from another model: the targets that are known, and the count of anchors so far."""
+        """Takes over from another model: the targets that are known or to come, and the count of anchors so far."""
         names, targets = tuple(other.targets_rad), np.array(list(other.targets_rad.values()))
         if names:
             self.command(0, names, targets)
+        if len(other._control) == len(self._control):
+            self._pending = list(other._pending)  # commands that are on their way hold for this model as well
         self.anchors.update(other.anchors)
         self.steps = other.steps
 

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from twin_daemon.errors import BadInput, nearest
 from twin_daemon.gate.settings import CommandLimit, GateSettings
+from twin_daemon.recalibration.settings import RecalibrationSettings
 
 
 class DaemonSettings(BaseModel):
@@ -69,6 +70,7 @@ class TwinConfig(BaseModel):
     access: AccessSettings | None = Field(default=None, description="access control; none without it")
     daemon: DaemonSettings = DaemonSettings()
     gate: GateSettings = GateSettings()
+    recalibration: RecalibrationSettings = RecalibrationSettings()
 
 
 def load_config(path: Path) -> TwinConfig:
@@ -99,7 +101,13 @@ def _explain(path: Path, error: ValidationError) -> BadInput:
     location = [str(part) for part in first["loc"]]
     key = ".".join(location) or "(top)"
     if first["type"] == "extra_forbidden":
-        sections = {"daemon": DaemonSettings, "ros": RosSettings, "gate": GateSettings, "access": AccessSettings}
+        sections = {
+            "daemon": DaemonSettings,
+            "ros": RosSettings,
+            "gate": GateSettings,
+            "access": AccessSettings,
+            "recalibration": RecalibrationSettings,
+        }
         section = CommandLimit if location[:2] == ["gate", "limits"] else TwinConfig
         known = sections.get(".".join(location[:-1]), section).model_fields
         return BadInput(f"unknown key '{key}'", where=path, allowed=", ".join(known), todo=nearest(location[-1], known))

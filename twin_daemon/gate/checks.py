@@ -231,6 +231,7 @@ ALLOWED: dict[str, tuple[Check, ...]] = {
     "beat": (armed_by_asker,),
     "stop": (),
     "release": (is_stopped, has_reason),
+    "recalibrate": (),
     "move": (not_stopped, armed_by_asker),
     "trajectory": (not_stopped, armed_by_asker),
     "target": (not_stopped, armed_by_asker),

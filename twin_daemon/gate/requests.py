@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from twin_daemon.gate.settings import LONGEST_LEASE_S
 
-Verb = Literal["arm", "disarm", "move", "trajectory", "target", "stop", "release", "beat"]
+Verb = Literal["arm", "disarm", "move", "trajectory", "target", "stop", "release", "beat", "recalibrate"]
 _Name = Annotated[str, Field(min_length=1, max_length=200)]
 _Reason = Annotated[str, Field(max_length=500)]
 _Targets = Annotated[dict[_Name, float], Field(max_length=256)]
@@ -36,6 +36,10 @@ class Disarm(_Request):
 
 
 class Beat(_Request):
+    pass
+
+
+class Recalibrate(_Request):
     pass
 
 
@@ -69,11 +73,12 @@ class Follow(_Request):
     dry_run: bool = False
 
 
-Request = Arm | Disarm | Beat | Stop | Release | Target | Move | Follow
-KINDS: dict[str, type[Arm | Disarm | Beat | Stop | Release | Target | Move | Follow]] = {
+Request = Arm | Disarm | Beat | Recalibrate | Stop | Release | Target | Move | Follow
+KINDS: dict[str, type[Arm | Disarm | Beat | Recalibrate | Stop | Release | Target | Move | Follow]] = {
     "arm": Arm,
     "disarm": Disarm,
     "beat": Beat,
+    "recalibrate": Recalibrate,
     "stop": Stop,
     "release": Release,
     "target": Target,

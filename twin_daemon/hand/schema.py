@@ -71,6 +71,7 @@ class Keys(_Strict):
     model: Name = "twin/{ns}/model"
     diagnose: Name = "twin/{ns}/diagnose"
     diagnosis: Name = "twin/{ns}/diagnosis"
+    recalibration: Name = "twin/{ns}/recalibration"
     command: Name = "twin/{ns}/command/{verb}"
     keep: Name = "twin/{ns}/keep"
     alive: Name = "twin/{ns}/alive"

@@ -1,0 +1,122 @@
+"""When the next recalibration is due: by the clock, by hours of motion, or because a joint drifts. Times are UTC."""
+
+from __future__ import annotations
+
+import json
+import logging
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from apscheduler.triggers.cron import CronTrigger
+
+from twin_daemon.files import write_atomically
+from twin_daemon.recalibration.settings import RecalibrationSettings, quiet_minutes
+
+log = logging.getLogger("twin")
+
+_LONGEST_AHEAD = timedelta(hours=1)
+
+
+class Schedule:
+    """Says when a run is due and why; what it knows is kept in `path` and outlives the daemon.
+
+    A run that was missed while the daemon was away is due at once, and several count as one. A clock that was set back
+    behind the last run does not hold the next one up for longer than an hour.
+    """
+
+    def __init__(self, settings: RecalibrationSettings, path: Path, now: datetime) -> None:
+        self._settings = settings
+        self._path = path
+        self._cron = CronTrigger.from_crontab(settings.cron, timezone="UTC") if settings.cron else None
+        self._drifting: tuple[str, ...] = ()
+        self.last = now
+        self.motion_s = 0.0
+        try:
+            kept = json.loads(path.read_text(encoding="utf-8"))
+            self.last = datetime.fromisoformat(kept["last"])
+            self.motion_s = float(kept["motion_s"])
+        except FileNotFoundError:
+            self._keep()
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            log.warning("the schedule in %s cannot be read and begins anew: %s", path, error)
+
+    def moved(self, seconds: float) -> None:
+        """The hand has moved for so long."""
+        self.motion_s += seconds
+
+    def drifted(self, joint: str) -> None:
+        """A joint drifts."""
+        if self._settings.on_drift and joint not in self._drifting:
+            self._drifting = (*self._drifting, joint)
+
+    @property
+    def drifting(self) -> tuple[str, ...]:
+        """The joints that drifted since the last run."""
+        return self._drifting
+
+    def due(self, now: datetime) -> str | None:
+        """Why a run is due, in words; None while none is."""
+        if self._settings.mode == "off" or self._is_quiet(now):
+            return None
+        if self.last > now + _LONGEST_AHEAD:
+            self.last = now  # the clock was set back
+        if now - self.last < timedelta(minutes=self._settings.least_minutes):
+            return None
+        if self._drifting:
+            return f"{', '.join(self._drifting)} drifted"
+        hours = self._settings.motion_hours
+        if hours is not None and self.motion_s >= 3600.0 * hours:
+            return f"{self.motion_s / 3600.0:.1f} h of motion"
+        at = self.next(now)
+        return "by the clock" if at is not None and at <= now else None
+
+    def next(self, now: datetime) -> datetime | None:
+        """When the clock alone makes the next one due; in the past where it was missed."""
+        found = []
+        if self._settings.mode != "off":
+            if self._cron is not None:
+                found.append(self._cron.get_next_fire_time(None, self.last + timedelta(seconds=1)))
+            if self._settings.interval_hours is not None:
+                found.append(self.last + timedelta(hours=self._settings.interval_hours))
+        return min((at for at in found if at is not None), default=None)
+
+    def done(self, now: datetime) -> None:
+        """A run has begun: everything that was due is served by it."""
+        self.last, self.motion_s, self._drifting = now, 0.0, ()
+        self._keep()
+
+    def in_words(self, now: datetime) -> str:
+        """When the next run is, for people."""
+        settings = self._settings
+        if settings.mode == "off":
+            return "no recalibration by itself: recalibration.mode is off"
+        said = []
+        at = self.next(now)
+        if at is not None:
+            said.append(f"on {at:%A, %d %B at %H:%M} UTC")
+        if settings.motion_hours is not None:
+            left = max(settings.motion_hours - self.motion_s / 3600.0, 0.0)
+            said.append(f"after {left:.1f} more hours of motion")
+        if settings.on_drift:
+            said.append("when a joint drifts")
+        when = ", or ".join(said) or "only when it is asked for"
+        return f"next recalibration ({settings.mode}) {when}" + (f"; not in {settings.quiet}" if settings.quiet else "")
+
+    def keep(self) -> None:
+        """Writes the hours of motion; called now and then and at the end."""
+        self._keep()
+
+    def _keep(self) -> None:
+        content = json.dumps({"schema": 1, "last": self.last.astimezone(UTC).isoformat(), "motion_s": self.motion_s})
+        try:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            write_atomically(self._path, content.encode())
+        except OSError as error:
+            log.warning("the schedule cannot be kept in %s: %s", self._path, error)
+
+    def _is_quiet(self, now: datetime) -> bool:
+        if self._settings.quiet is None:
+            return False
+        begin, end = quiet_minutes(self._settings.quiet)
+        minute = 60 * now.hour + now.minute
+        return begin <= minute < end if begin <= end else minute >= begin or minute < end

@@ -1,0 +1,1 @@
+"""Following the wear of a hand: fit around the version in use, decide, and name what has appeared."""

@@ -1,0 +1,91 @@
+"""Whether a refitted twin is better: on motion it has not seen, for every joint, and by numbers that can exist."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin_daemon.comparison.compare import compare_recording
+from twin_daemon.diagnosis.whitened import block_gain
+from twin_daemon.fitting.calibrate import FittedParameter
+from twin_daemon.simulation.alignment import Aligned
+from twin_daemon.simulation.twin import TwinModel
+
+_BLOCK_S = 0.75
+_NOISES = 3.0  # a joint may get worse by so many variances of its sensor's noise
+_MOVED = 0.01  # a value that was on its bound and stays there has not been driven to it
+
+
+@dataclass(frozen=True)
+class Decision:
+    """`better` is whether to promote; `against` says what speaks against it, in words.
+
+    `gain` is the part of the held-out mean squared error that has gone, with its 95 % interval (bootstrap over blocks).
+    """
+
+    better: bool
+    gain: float
+    gain_ci95: tuple[float, float]
+    before_rad2: float
+    after_rad2: float
+    worse: tuple[str, ...]
+    against: tuple[str, ...]
+
+
+def decide(
+    before: TwinModel,
+    after: TwinModel,
+    held: Sequence[Aligned],
+    parameters: Mapping[str, FittedParameter],
+    started: Mapping[str, float],
+    seed: int = 0,
+) -> Decision:
+    """Compares two twins on held-out recordings. `started` are the parameters' values before the fit."""
+    old, new, joints, noise = _squared(before, after, held)
+    block = max(1, int(_BLOCK_S / float(np.median(np.diff(held[0].time_s)))))
+    overall = np.nanmean(old, axis=1), np.nanmean(new, axis=1)
+    low, high = block_gain(*overall, block, seed)
+    worse = []
+    for column, name in enumerate(joints):
+        known = np.isfinite(old[:, column])
+        was, now = old[known, column], new[known, column]
+        if now.mean() > was.mean() + _NOISES * noise[column] and block_gain(was, now, block, seed)[1] < 0.0:
+            worse.append(name)
+    bound = [
+        name
+        for name, p in parameters.items()
+        if p.at_bound and abs(p.value - started.get(name, np.nan)) > _MOVED * (p.upper - p.lower)
+    ]
+    against = []
+    if low <= 0.0:
+        against.append(f"the gain on held-out motion may be none: {low:.0%} to {high:.0%}")
+    if worse:
+        against.append(f"worse beyond noise: {', '.join(worse)}")
+    if bound:
+        against.append(f"driven to a bound: {', '.join(bound)}")
+    return Decision(
+        better=not against,
+        gain=1.0 - float(overall[1].mean() / max(overall[0].mean(), 1e-30)),
+        gain_ci95=(low, high),
+        before_rad2=float(overall[0].mean()),
+        after_rad2=float(overall[1].mean()),
+        worse=tuple(worse),
+        against=tuple(against),
+    )
+
+
+def _squared(
+    before: TwinModel, after: TwinModel, held: Sequence[Aligned]
+) -> tuple[np.ndarray, np.ndarray, list[str], np.ndarray]:
+    """Squared errors (n, k) rad^2 of both twins over the joints that move, their names and noise variances (k,)."""
+    pairs = [(compare_recording(before, r), compare_recording(after, r)) for r in held]
+    first = pairs[0][0]
+    moving = np.any([r.moving for r in held], axis=0)
+    names = [name for name, moves in zip(first.aligned.joints, moving, strict=True) if moves]
+    rows = [(a.residual[:, moving] ** 2, b.residual[:, moving] ** 2) for a, b in pairs]
+    old, new = (np.concatenate([pair[which] for pair in rows]) for which in range(2))
+    seen = np.isfinite(old).any(axis=1)
+    noise = np.array([first.joints[name].noise_rad2 if name in first.joints else 0.0 for name in names])
+    return old[seen], new[seen], names, noise

@@ -1,0 +1,86 @@
+"""One recalibration: a Bayesian search around the version in use, and, where values are not enough, a diagnosis."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from twin_daemon.diagnosis.ladder import Ladder, climb
+from twin_daemon.fitting.calibrate import Calibration, FittedParameter, calibrate
+from twin_daemon.fitting.spaces import Space, knobs_of, load_space
+from twin_daemon.fitting.tracker import Progress
+from twin_daemon.recalibration.decide import Decision, decide
+from twin_daemon.simulation.alignment import Aligned
+from twin_daemon.simulation.twin import TwinModel
+
+SPACE = "wear"
+_PROMISE = 2.0  # so many times the error that a version promised, parameters alone do not explain the change
+_CLEARLY = 0.8  # of the fitted error: below it an effect is preferred to parameters
+_MOST_EFFECTS = 2
+
+
+@dataclass(frozen=True)
+class Recalibration:
+    """What was found. `twin` is the better of the two ways; `ladder` is None where parameters were enough."""
+
+    twin: TwinModel
+    decision: Decision
+    parameters: dict[str, FittedParameter]
+    calibration: Calibration
+    ladder: Ladder | None
+    appeared: tuple[str, ...]
+
+
+def recalibrate(
+    twin: TwinModel,
+    train: Sequence[Aligned],
+    held: Sequence[Aligned],
+    *,
+    promised_rad2: float | None = None,
+    joints: Sequence[str] = (),
+    budget: int | None = None,
+    seconds: float | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+    say: Callable[[str], None] = lambda _: None,
+) -> Recalibration:
+    """Refits the twin to what its hand does now.
+
+    `promised_rad2` is the held-out error that the version showed when it was made; `joints` are those that drifted
+    (all that move without them). The search ends after `seconds` with the best so far.
+    """
+    space = _around(load_space(SPACE), joints)
+    moving = tuple(name for i, name in enumerate(twin.joints) if any(r.moving[i] for r in train))
+    started = {knob.name: knob.start for knob in knobs_of(space, twin, moving)}
+    ends_s = None if seconds is None else time.monotonic() + seconds
+
+    def report(count: int, best: float) -> None:
+        if progress is not None:
+            progress(count, best)
+        if ends_s is not None and time.monotonic() > ends_s:
+            raise KeyboardInterrupt  # the search keeps its best
+
+    say("searching around the version in use")
+    fitted = calibrate(twin, train, held, space, "bayes", budget=budget, seed=seed, progress=report)
+    after = twin.changed(fitted.terms)
+    decision = decide(twin, after, held, fitted.parameters, started, seed)
+    enough = promised_rad2 is not None and decision.after_rad2 <= _PROMISE * promised_rad2
+    if enough and decision.better:
+        return Recalibration(after, decision, fitted.parameters, fitted, None, ())
+    say("parameters alone do not explain the change: looking for an effect that has appeared")
+    ladder = climb(twin, train, held, max_steps=_MOST_EFFECTS, seed=seed, say=say)
+    if ladder.added:
+        other = decide(twin, ladder.twin, held, ladder.parameters, {}, seed)
+        if other.after_rad2 < _CLEARLY * decision.after_rad2:
+            named = tuple(f"{step.effect} at {step.target}" for step in ladder.steps if step.effect is not None)
+            return Recalibration(ladder.twin, other, ladder.parameters, fitted, ladder, named)
+    return Recalibration(after, decision, fitted.parameters, fitted, ladder, ())
+
+
+def _around(space: Space, joints: Sequence[str]) -> Space:
+    """The space with only these joints, where some are named."""
+    if not joints:
+        return space
+    entries = [e.model_copy(update={"of": list(joints)}) if e.of == ["moving"] else e for e in space.parameters]
+    return space.model_copy(update={"parameters": entries})
