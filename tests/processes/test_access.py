@@ -67,7 +67,7 @@ def test_each_may_do_what_his_role_says(
                 continue
             # with the operator's own key, but on a connection that may not command
             thief = Commander(session, description, keyring, "operator")
-            thief._life = operator._life
+            thief._signer.session = operator._signer.session
             with pytest.raises(NoAnswer):
                 thief.ask("disarm", 1.0)
         assert operator.status()["mode"] == "armed"

@@ -125,7 +125,7 @@ def test_denied_commanders_get_nothing_through_and_are_written_down(scene: Scene
         commander.stream(publisher := commander.stream_to(), {"rh_FFJ3": 0.1})
         publisher.undeclare()
     # a request that was overheard and comes again
-    payload, proof = honest._signed("move", {"targets": {"rh_FFJ3": 0.05}})
+    payload, proof = honest._signer.signed("move", {"targets": {"rh_FFJ3": 0.05}})
     first = honest._get("move", payload, proof, 10.0)
     again = honest._get("move", payload, proof, 10.0)
     assert first["accepted"]
