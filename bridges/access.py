@@ -62,18 +62,19 @@ def _rules(keyring: Keyring, description: HandDescription) -> dict[str, Any]:
     rules = [
         _rule("answers", "egress", ["put", "reply", "liveliness_token", "declare_queryable", "query"], everything),
         _rule("interest", "egress", ["declare_subscriber"], everything),
-        _rule("listen", "ingress", ["declare_subscriber"], [*streams, *told]),
+        _rule("listen", "ingress", ["declare_subscriber"], [*streams, *told, command("sent")]),
         _rule("see", "ingress", ["liveliness_query", "declare_liveliness_subscriber"], [description.key("alive")]),
         _rule("ask", "ingress", ["query"], asked),
         _rule("work", "ingress", ["query"], work),
-        _rule("command", "ingress", ["query", "put"], [command("*")]),
+        _rule("command", "ingress", ["query"], [command("*")]),
+        _rule("stream", "ingress", ["put"], [command("target")]),
         _rule("speak", "ingress", ["put"], streams),
     ]
     subjects: list[dict[str, Any]] = [{"id": "all"}]
     policies: list[dict[str, Any]] = [
         {"rules": ["answers", "interest", "listen", "see", "ask"], "subjects": ["all"]},
     ]
-    for role, allowed in {"operator": ["work", "command"], "hand": ["speak"]}.items():
+    for role, allowed in {"operator": ["work", "command", "stream"], "hand": ["speak"]}.items():
         names = [name for name in keyring.names if keyring.role(name) == role]
         if names:
             subjects.append({"id": role, "usernames": names})

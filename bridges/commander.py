@@ -12,6 +12,7 @@ from typing import Any
 import zenoh
 
 from bridges.guard import Guard
+from bridges.signer import Signer
 from twin_daemon.errors import NoAnswer
 from twin_daemon.gate.identity import Keyring
 from twin_daemon.hand import HandDescription
@@ -28,29 +29,25 @@ class Commander:
     ) -> None:
         self._session = session
         self._description = description
-        self._keyring = keyring
-        self._name = name
-        self._life = ""
-        self._sequence = 0
-        self._lock = threading.Lock()
+        self._signer = Signer(keyring, name)
 
     def status(self, timeout_s: float = _PATIENCE_S) -> dict[str, Any]:
         """The gate's state. Raises NoAnswer where no daemon is."""
         found = self._get("status", b"", None, timeout_s)
-        self._life = str(found.get("session", ""))
+        self._signer.learn(found)
         return found
 
     def ask(self, verb: str, timeout_s: float | None = None, **body: Any) -> dict[str, Any]:
         """The gate's reply. Raises NoAnswer; a refusal is a reply like any other."""
         timeout_s = timeout_s or (_PLANNING_S if verb in ("move", "trajectory") else _PATIENCE_S)
-        if not self._life:
+        if not self._signer.session:
             self.status(timeout_s)
-        payload, proof = self._signed(verb, body)
+        payload, proof = self._signer.signed(verb, body)
         return self._get(verb, payload, proof, timeout_s)
 
     def stream(self, publisher: zenoh.Publisher, targets: dict[str, float]) -> None:
         """Puts one target of a stream, rad by joint or command. Call `status` once before."""
-        payload, proof = self._signed("target", {"targets": targets})
+        payload, proof = self._signer.signed("target", {"targets": targets})
         publisher.put(payload, attachment=proof)
 
     def stream_to(self) -> zenoh.Publisher:
@@ -78,16 +75,6 @@ class Commander:
         finally:
             ended.set()
             thread.join()
-
-    def _signed(self, verb: str, body: dict[str, Any]) -> tuple[bytes, bytes | None]:
-        with self._lock:
-            stamp_ns = time.time_ns()
-            self._sequence = max(stamp_ns, self._sequence + 1)
-            own = {"session": self._life, "sequence": self._sequence, "stamp_ns": stamp_ns}
-        payload = json.dumps({**own, **body}).encode()
-        if self._keyring is None:
-            return payload, None
-        return payload, self._keyring.sign(self._name, verb, payload).encode()
 
     def _get(self, verb: str, payload: bytes, proof: bytes | None, timeout_s: float) -> dict[str, Any]:
         key = self._description.key("command", verb=verb)

@@ -10,17 +10,18 @@ from bridges.session import open_client
 
 
 class Connection:
-    """Opens a client session in the background. `session` is None until the other side is there."""
+    """Opens a client session in the background, in the name of an identity or of TWIN_AS. `session` is None until the
+    other side is there."""
 
-    def __init__(self, endpoint: str) -> None:
+    def __init__(self, endpoint: str, name: str | None = None) -> None:
         self.session: zenoh.Session | None = None
         self._stop = threading.Event()
         self._ready = threading.Event()
-        self._thread = threading.Thread(target=self._open, args=(endpoint,), name="twin-connect", daemon=True)
+        self._thread = threading.Thread(target=self._open, args=(endpoint, name), name="twin-connect", daemon=True)
         self._thread.start()
 
-    def _open(self, endpoint: str) -> None:
-        self.session = open_client(endpoint, None, self._stop)
+    def _open(self, endpoint: str, name: str | None) -> None:
+        self.session = open_client(endpoint, None, self._stop, name)
         self._ready.set()
 
     def wait(self, timeout_s: float) -> bool:

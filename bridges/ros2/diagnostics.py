@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock
 from rclpy.node import Node
 
 from bridges.guard import Guard
-from bridges.ros2.conversions import OK, WARN, diagnosis
+from bridges.ros2.conversions import OK, WARN, diagnosis, gate_diagnosis
 from bridges.ros2.link import ZenohLink
+from bridges.ros2.requests import Requests
 from twin_daemon.hand import HandDescription
 
 _LONGEST_WAIT_S = 2.0
@@ -26,6 +28,7 @@ class Diagnostics:
         self,
         node: Node,
         link: ZenohLink,
+        requests: Requests,
         description: HandDescription,
         guard: Guard,
         period_s: float,
@@ -34,6 +37,7 @@ class Diagnostics:
     ) -> None:
         self._node = node
         self._link = link
+        self._requests = requests
         self._description = description
         self._guard = guard
         self._counts = counts
@@ -47,11 +51,19 @@ class Diagnostics:
         self._timer.timer_period_ns = round(period_s * 1e9)
 
     def _ask(self) -> None:
-        # an answer is there before the next question
+        # both answers are there before the next questions
         timeout_s = min(0.8 * self.period_s, _LONGEST_WAIT_S)
-        self._link.ask(self._key, timeout_s, self._guard.around("the diagnostics", self._publish))
+        heard: dict[str, Any] = {}
 
-    def _publish(self, health: bytes | None) -> None:
+        def came(what: str, answer: Any) -> None:
+            heard[what] = answer
+            if len(heard) == 2:
+                self._guard.run("the diagnostics", self._publish, heard["health"], heard["gate"])
+
+        self._link.ask(self._key, timeout_s, lambda health: came("health", health))
+        self._requests.look(lambda gate: came("gate", gate), timeout_s)
+
+    def _publish(self, health: bytes | None, gate: dict[str, Any]) -> None:
         level, message, values = diagnosis(health, self._key)
         connected = self._link.connected
         own = {"connected": str(connected).lower(), "endpoint": self._link.endpoint}
@@ -63,6 +75,8 @@ class Diagnostics:
             self._status("daemon", level, message, values),
             self._status("bridge", OK if connected else WARN, own_message, own),
         ]
+        if "mode" in gate:  # a hand without motors has none
+            array.status.append(self._status("gate", *gate_diagnosis(gate)))
         self._publisher.publish(array)
 
     def _status(self, part: str, level: int, message: str, values: dict[str, str]) -> DiagnosticStatus:

@@ -1,9 +1,10 @@
-"""The bridge's Zenoh side: streams out, streams in, questions. Knows nothing of ROS."""
+"""The bridge's Zenoh side: streams out, streams in, questions and requests. Knows nothing of ROS."""
 
 from __future__ import annotations
 
 import itertools
 import logging
+import os
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -18,20 +19,23 @@ from twin_daemon.hand import HandDescription
 log = logging.getLogger("twin.bridge")
 
 TO_THE_TWIN = ("joint_states", "joint_commands")
-FROM_THE_TWIN = ("twin_joint_states", "residual")
 Then = Callable[[bytes | None], None]
 
 _GRACE_S = 0.5  # Zenoh ends a question by itself; this is for the case that it does not
 
 
 class ZenohLink:
-    """One session with the twin, which comes when it comes and reconnects by itself.
+    """One connection with the twin, which comes when it comes and reconnects by itself.
 
     What arrives waits in `inbox` and in a queue of answers; `wake` is called from the transport's threads after each
-    arrival. Everything else is called from one thread, the owner's.
+    arrival. Everything else is called from one thread, the owner's. Where `identity` is not the one that the streams
+    log in with (TWIN_AS), questions and requests have a session of their own: on the network, too, who speaks for the
+    hand and who commands it are two.
     """
 
-    def __init__(self, endpoint: str, description: HandDescription, wake: Callable[[], None]) -> None:
+    def __init__(
+        self, endpoint: str, description: HandDescription, wake: Callable[[], None], identity: str = ""
+    ) -> None:
         self.endpoint = endpoint
         self.connected = False
         self.inbox = Inbox(size=1024)
@@ -39,11 +43,18 @@ class ZenohLink:
         self._key = description.key
         self._wake = wake
         self._publishers: dict[str, zenoh.Publisher] = {}
+        self._hearers: dict[str, Callable[[bytes], None]] = {}
         self._subscribers: list[zenoh.Subscriber[None]] = []
         self._answers: SimpleQueue[tuple[int, bytes | None]] = SimpleQueue()
         self._numbers = itertools.count()
         self._open: dict[int, tuple[Then, float]] = {}  # questions by number: what to do, until when
         self._connection = Connection(endpoint)
+        another = identity and identity != os.environ.get("TWIN_AS")
+        self._asking = Connection(endpoint, identity) if another else self._connection
+
+    def hear(self, key: str, then: Callable[[bytes], None]) -> None:
+        """`then`, which does not raise, gets what comes at `key`, from `settle`. Call it before the first `tend`."""
+        self._hearers[key] = then
 
     def tend(self) -> None:
         """Declares the streams as soon as there is a session, and notices when the other side goes or comes back.
@@ -62,7 +73,7 @@ class ZenohLink:
             log.log(level, "%s the twin at %s", "connected with" if connected else "lost", self.endpoint)
 
     def _declare(self, session: zenoh.Session) -> None:
-        self._subscribers = [self._subscribe(session, stream) for stream in FROM_THE_TWIN]
+        self._subscribers = [self._subscribe(session, key) for key in self._hearers]
         self._publishers = {
             stream: session.declare_publisher(
                 self._key(stream), encoding="application/cdr", congestion_control=zenoh.CongestionControl.DROP
@@ -70,12 +81,12 @@ class ZenohLink:
             for stream in TO_THE_TWIN
         }
 
-    def _subscribe(self, session: zenoh.Session, stream: str) -> zenoh.Subscriber[None]:
+    def _subscribe(self, session: zenoh.Session, key: str) -> zenoh.Subscriber[None]:
         def receive(sample: zenoh.Sample) -> None:
-            self.inbox.put(stream, sample.payload.to_bytes())
+            self.inbox.put(key, sample.payload.to_bytes())
             self._wake()
 
-        return session.declare_subscriber(self._key(stream), receive)
+        return session.declare_subscriber(key, receive)
 
     def put(self, stream: str, payload: bytes) -> None:
         """Sends bytes as they are. Without a connection they are lost, and counted as unsent."""
@@ -84,12 +95,23 @@ class ZenohLink:
             publisher.put(payload)
         self.counts[f"{stream}.{'forwarded' if self.connected else 'unsent'}"] += 1
 
-    def ask(self, key: str, timeout_s: float, then: Then) -> None:
+    def put_request(self, key: str, payload: bytes, proof: bytes | None) -> bool:
+        """Sends a request that needs no answer; whether there was somebody to send it to."""
+        session = self._asking.session or self._connection.session
+        if session is None or not self.connected:
+            return False
+        session.put(key, payload, attachment=proof, congestion_control=zenoh.CongestionControl.DROP, express=True)
+        return True
+
+    def ask(
+        self, key: str, timeout_s: float, then: Then, payload: bytes | None = None, proof: bytes | None = None
+    ) -> None:
         """Asks once, so that nothing is ever commanded twice. `then` gets the first answer's bytes, or None.
 
         `then` is called from `settle`, or at once where there is no connection.
         """
-        session = self._connection.session
+        # a request is no worse for a session without a name, and a stop does not need one
+        session = self._asking.session or self._connection.session
         if session is None:
             then(None)
             return
@@ -102,14 +124,15 @@ class ZenohLink:
             elif reply.err is not None and (said := reply.err.payload.to_bytes()).startswith(b"{"):
                 self._answer(number, said)  # other errors are the transport's own words, such as a timeout
 
-        session.get(key, zenoh.handlers.Callback(hear, lambda: self._answer(number, None)), timeout=timeout_s)
+        handler = zenoh.handlers.Callback(hear, lambda: self._answer(number, None))
+        session.get(key, handler, timeout=timeout_s, payload=payload, attachment=proof)
 
     def _answer(self, number: int, payload: bytes | None) -> None:
         self._answers.put((number, payload))
         self._wake()
 
     def settle(self) -> None:
-        """Gives the answers that have come to those who asked."""
+        """Gives answers to those who asked, and what came on the streams to those who hear them."""
         while True:
             try:
                 number, payload = self._answers.get_nowait()
@@ -120,6 +143,8 @@ class ZenohLink:
         now_s = time.monotonic()
         for number in [number for number, (_, end_s) in self._open.items() if now_s > end_s]:
             self._open.pop(number)[0](None)
+        for key, heard, _ in self.inbox.take(timeout_s=0.0):
+            self._hearers[key](heard)
 
     def give_up(self) -> int:
         """Answers every open question with None; how many there were."""
@@ -131,4 +156,6 @@ class ZenohLink:
     def close(self) -> None:
         for entity in (*self._subscribers, *self._publishers.values()):
             entity.undeclare()
+        if self._asking is not self._connection:
+            self._asking.close()
         self._connection.close()

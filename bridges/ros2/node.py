@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections import Counter
+from functools import partial
 from typing import Any
 
 from rclpy.clock import Clock
@@ -19,11 +20,13 @@ from trajectory_msgs.msg import JointTrajectory
 from bridges import cdr
 from bridges.guard import Guard
 from bridges.residual import known_residual
+from bridges.ros2.commands import Commands
 from bridges.ros2.conversions import trajectory_message
 from bridges.ros2.diagnostics import Diagnostics
 from bridges.ros2.link import ZenohLink
+from bridges.ros2.outlet import RosOutlet
 from bridges.ros2.parameters import PERIOD, declare_parameters
-from bridges.ros2.services import offer_services
+from bridges.ros2.requests import Requests
 from bridges.ros2.trajectories import TrajectoryFollower
 from twin_daemon.daemon.messages import MalformedPayload
 
@@ -44,7 +47,7 @@ _SENSOR = QoSProfile(
 class TwinBridge(Node):
     """Joint states and commands of ROS to the twin; its prediction, residual and health to ROS.
 
-    Commands go to the twin only. Nothing here ever publishes a command on a ROS topic.
+    Requests to move the hand go to the gate, and what the gate sends goes to ROS where that is asked for.
     """
 
     def __init__(self, given: dict[str, str]) -> None:
@@ -57,14 +60,20 @@ class TwinBridge(Node):
         self._follower = TrajectoryFollower()
         self.settings = settings = declare_parameters(self)
         guard = self.guard.around
-        self._wake = self.create_guard_condition(guard("a message of the twin", self._drain))
-        self.link = ZenohLink(settings.endpoint, settings.description, self._wake.trigger)
+        self._wake = self.create_guard_condition(guard("a message of the twin", self._settle))
+        self.link = ZenohLink(settings.endpoint, settings.description, self._wake.trigger, settings.identity)
+        self.requests = Requests(self.link, settings.description, settings.signer, settings.identity)
         try:
             outward = {"qos_profile": 10, "qos_overriding_options": QoSOverridingOptions.with_default_policies()}
             self._out = {
-                stream: self.create_publisher(JointState, topic, **outward)
-                for stream, topic in (("twin_joint_states", "twin/joint_states"), ("residual", "twin/residual"))
+                "twin_joint_states": self.create_publisher(JointState, "twin/joint_states", **outward),
+                "residual": self.create_publisher(JointState, "twin/residual", **outward),
             }
+            for stream in self._out:
+                self.link.hear(settings.description.key(stream), partial(self._publish, stream))
+            self.link.hear(settings.description.key("events"), guard("an event", self.requests.heard_event))
+            published = settings.command_output != "none"
+            self._outlet = RosOutlet(self, self.link, settings, self.guard) if published else None
             self._subscribe(JointState, settings.joint_states_topic, self._measured, _SENSOR, raw=True)
             self._subscribe(JointState, settings.joint_commands_topic, self._commanded, _SENSOR, raw=True)
             # a single message that matters, which controllers take reliably as well
@@ -75,9 +84,16 @@ class TwinBridge(Node):
             # by the machine's own clock: a simulated one may stand still
             steady = Clock(clock_type=ClockType.STEADY_TIME)
             self.create_timer(_CONNECT_PERIOD_S, guard("the connection", self._connect), clock=steady)
-            offer_services(self, self.link, settings.description, self.guard)
+            Commands(self, self.requests, self.guard)
             self._diagnostics = Diagnostics(
-                self, self.link, settings.description, self.guard, settings.diagnostics_period_s, steady, self.counts
+                self,
+                self.link,
+                self.requests,
+                settings.description,
+                self.guard,
+                settings.diagnostics_period_s,
+                steady,
+                self.counts,
             )
             self.add_post_set_parameters_callback(self._parameters_changed)
         except BaseException:
@@ -97,7 +113,8 @@ class TwinBridge(Node):
     def counts(self) -> dict[str, int]:
         """Messages by stream and by what became of them."""
         trajectories = {f"trajectory.{kind}": count for kind, count in self._trajectories.items()}
-        return dict(self.link.counts) | trajectories | {"errors": self.guard.errors, "dropped": self.link.inbox.dropped}
+        own = {"errors": self.guard.errors, "dropped": self.link.inbox.dropped}
+        return dict(self.link.counts) | dict(self.requests.counts) | trajectories | own
 
     # -- ROS to the twin -----------------------------------------------------------------------------------
 
@@ -106,10 +123,14 @@ class TwinBridge(Node):
         self.link.put("joint_states", payload)
 
     def _commanded(self, payload: bytes) -> None:
+        if self._outlet is not None and self._outlet.said(payload):
+            return
         self._follower.forget()
         self.link.put("joint_commands", payload)
 
     def _trajectory(self, message: JointTrajectory) -> None:
+        if self._outlet is not None and self._outlet.said(message):
+            return
         try:
             positions: dict[str, float] | None = None
 
@@ -155,10 +176,8 @@ class TwinBridge(Node):
         self.link.tend()
         self.link.settle()
 
-    def _drain(self) -> None:
+    def _settle(self) -> None:
         self.link.settle()
-        for stream, payload, _ in self.link.inbox.take(timeout_s=0.0):
-            self._publish(stream, payload)
 
     def _publish(self, stream: str, payload: bytes) -> None:
         try:

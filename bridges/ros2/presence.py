@@ -6,7 +6,7 @@ import importlib
 
 from twin_daemon.errors import BadInput
 
-_PACKAGES = ("rclpy", "sensor_msgs.msg", "trajectory_msgs.msg", "diagnostic_msgs.msg", "std_srvs.srv")
+_PACKAGES = ("rclpy", "sensor_msgs.msg", "std_msgs.msg", "trajectory_msgs.msg", "diagnostic_msgs.msg", "std_srvs.srv")
 
 
 def require_ros() -> None:

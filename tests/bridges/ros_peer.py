@@ -17,6 +17,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Empty, Float64
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -26,7 +27,7 @@ class Peer(Node):
 
     def __init__(self) -> None:
         super().__init__("peer")
-        self.heard: dict[str, list[dict[str, Any]]] = {"prediction": [], "residual": [], "diagnostics": []}
+        self.heard: dict[str, list[Any]] = {"prediction": [], "residual": [], "diagnostics": []}
         self.create_subscription(JointState, "twin/joint_states", self._joints("prediction"), 100)
         self.create_subscription(JointState, "twin/residual", self._joints("residual"), qos_profile_sensor_data)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._diagnostics, 10)
@@ -34,7 +35,12 @@ class Peer(Node):
             "joint_states": self.create_publisher(JointState, "joint_states", qos_profile_sensor_data),
             "joint_commands": self.create_publisher(JointState, "joint_commands", 10),
         }
-        self.trajectories = self.create_publisher(JointTrajectory, "joint_trajectory", 10)
+        self.trajectories = {
+            topic: self.create_publisher(JointTrajectory, topic, 10)
+            for topic in ("joint_trajectory", "twin/trajectory")
+        }
+        self.targets = self.create_publisher(JointState, "twin/target", 10)
+        self.beats = self.create_publisher(Empty, "twin/heartbeat", 10)
 
     def _joints(self, kind: str) -> Any:
         def hear(message: JointState) -> None:
@@ -84,13 +90,48 @@ class Peer(Node):
     def publish_bytes(self, topic: str, payload: str) -> None:
         self.out[topic].publish(bytes.fromhex(payload))
 
-    def trajectory(self, names: list[str], times_s: list[float], positions: list[list[float]]) -> None:
+    def ramp(self, names: list[str], start: list[float], end: list[float], count: int, rate_hz: float) -> None:
+        """Streamed targets from one pose to another, without stamps."""
+        begin_s = time.monotonic()
+        for index in range(count):
+            time.sleep(max(begin_s + index / rate_hz - time.monotonic(), 0.0))
+            share = (index + 1) / count
+            position = [a + share * (b - a) for a, b in zip(start, end, strict=True)]
+            self.targets.publish(JointState(name=names, position=position))
+
+    def beat(self, count: int, rate_hz: float) -> None:
+        for _ in range(count):
+            self.beats.publish(Empty())
+            time.sleep(1.0 / rate_hz)
+
+    def listen(self, topic: str, kind: str) -> None:
+        """From now on what comes on a command topic is heard too: numbers, or a trajectory's only point."""
+        self.heard[topic] = []
+        if kind == "Float64":
+            self.create_subscription(Float64, topic, lambda message: self.heard[topic].append(message.data), 100)
+        elif kind == "JointState":
+            self.create_subscription(JointState, topic, self._joints(topic), 100)
+        else:
+            self.create_subscription(JointTrajectory, topic, self._points(topic), 100)
+
+    def _points(self, topic: str) -> Any:
+        def hear(message: JointTrajectory) -> None:
+            after_s = [point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec for point in message.points]
+            positions = [list(point.positions) for point in message.points]
+            told = {"names": list(message.joint_names), "positions": positions, "times_s": after_s}
+            self.heard[topic].append(told | {"stamp_s": message.header.stamp.sec})
+
+        return hear
+
+    def trajectory(
+        self, names: list[str], times_s: list[float], positions: list[list[float]], topic: str = "joint_trajectory"
+    ) -> None:
         message = JointTrajectory(joint_names=names)
         for time_s, position in zip(times_s, positions, strict=True):
             point = JointTrajectoryPoint(positions=position)
             point.time_from_start.sec, point.time_from_start.nanosec = int(time_s), round(time_s % 1 * 1e9)
             message.points.append(point)
-        self.trajectories.publish(message)
+        self.trajectories[topic].publish(message)
 
     def call(self, executor: SingleThreadedExecutor, name: str) -> dict[str, Any]:
         client = self.create_client(Trigger, name)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import logging
 import os
@@ -10,7 +9,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -23,18 +21,22 @@ from bridges import cdr
 from bridges.guard import Guard
 from bridges.residual import known_residual
 from bridges.ros2 import conversions
-from bridges.ros2.conversions import diagnosis, trajectory_message, trigger_reply
+from bridges.ros2.conversions import (
+    diagnosis,
+    gate_answer,
+    gate_diagnosis,
+    target_body,
+    trajectory_body,
+    trajectory_message,
+    trigger_reply,
+)
 from bridges.ros2.trajectories import TrajectoryFollower, TrajectoryMessage
 from bridges.session import session_config
+from tests.bridges.ros_network import Peer, latest, needs_ros
 from tests.processes.conftest import Twin, until
 from twin_daemon.daemon.messages import JointSample, MalformedPayload
 from twin_daemon.hand import load_hand
 
-HAS_ROS = importlib.util.find_spec("rclpy") is not None
-needs_ros = [
-    pytest.mark.ros,
-    pytest.mark.skipif(not HAS_ROS, reason="ROS 2 is not installed here: make setup-ros"),
-]
 MS = 1_000_000
 NS = "shadow_hand"
 
@@ -148,9 +150,9 @@ def test_a_residual_leaves_out_joints_without_one() -> None:
 @pytest.mark.parametrize(
     ("payload", "success", "said"),
     [
-        (b'{"accepted": true}', True, "accepted"),
-        (b'{"accepted": true, "reason": "armed for 60 s"}', True, "armed for 60 s"),
-        (b'{"accepted": false, "reason": "data are stale"}', False, "data are stale"),
+        (b'{"accepted": true}', True, "armed"),
+        (b'{"accepted": true, "gate": {"lease_left_s": 60.0, "commander": "ann"}}', True, "armed for 60 s, as ann"),
+        (b'{"accepted": false, "why": "too far", "allowed": "less"}', False, "too far. Allowed: less"),
         (b'{"accepted": false}', False, "without a reason"),
         (b'{"accepted": "yes"}', False, "without a reason"),
         (b'{"schema": 1, "error": "there is nothing"}', False, "there is nothing"),
@@ -160,9 +162,46 @@ def test_a_residual_leaves_out_joints_without_one() -> None:
     ],
 )
 def test_an_answer_becomes_a_trigger(payload: bytes | None, success: bool, said: str) -> None:
-    done, message = trigger_reply(payload, "twin/x/command/arm", 2.0)
+    done, message = trigger_reply("arm", gate_answer(payload, "twin/x/command/arm", 2.0))
     assert done is success
     assert said in message
+
+
+def test_a_stop_that_nobody_heard_names_the_other_way() -> None:
+    assert "emergency stop" in trigger_reply("stop", gate_answer(None, "k", 2.0))[1]
+
+
+def test_a_trajectory_becomes_a_request() -> None:
+    body = trajectory_body(ros_trajectory(["a", "b"], [(0.5, [1.0, 2.0]), (2.0, [3.0, 4.0])]))
+    assert (body["times_s"], body["lead_s"], body["joints"]) == ([0.0, 1.5], 0.5, ["a", "b"])
+    assert body["positions"] == [[1.0, 2.0], [3.0, 4.0]]
+    at_once = trajectory_body(ros_trajectory(["a"], [(0.0, [1.0])]))
+    assert "lead_s" not in at_once
+
+
+@pytest.mark.parametrize(
+    ("names", "position", "kind"), [(["a"], [], "length_mismatch"), (["a", "a"], [0.0, 1.0], "duplicate_names")]
+)
+def test_a_target_that_no_request_can_say_is_refused(names: list[str], position: list[float], kind: str) -> None:
+    with pytest.raises(MalformedPayload) as refused:
+        target_body(SimpleNamespace(name=names, position=position))
+    assert refused.value.kind == kind
+
+
+@pytest.mark.parametrize(
+    ("status", "level", "said"),
+    [
+        ({"mode": "read_only"}, 0, "nothing is armed"),
+        ({"mode": "armed", "commander": "ann", "lease_left_s": 9.6}, 0, "armed by ann, for 10 s more"),
+        ({"mode": "stopped", "ended": "stopped by bob"}, 1, "stopped: stopped by bob"),
+        ({"mode": "odd"}, 1, "unknown mode"),
+    ],
+)
+def test_the_gate_becomes_a_level(status: dict[str, Any], level: int, said: str) -> None:
+    found, message, values = gate_diagnosis({**status, "session": "secret enough"})
+    assert found == level
+    assert said in message
+    assert "session" not in values
 
 
 @pytest.mark.parametrize(
@@ -208,91 +247,8 @@ def test_without_ros_one_line_says_what_to_install(tmp_path: Path) -> None:
 # -- with ROS ------------------------------------------------------------------------------------------------
 
 
-class Peer:
-    """A ROS node in another process (ros_peer.py)."""
-
-    def __init__(self, *ros_args: str) -> None:
-        script = str(Path(__file__).with_name("ros_peer.py"))
-        self.process = subprocess.Popen(
-            [sys.executable, script, "--ros-args", *ros_args],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-
-    def ready(self) -> Peer:
-        assert self._read() == "ready"
-        return self
-
-    def _read(self) -> Any:
-        assert self.process.stdout is not None
-        return json.loads(self.process.stdout.readline())
-
-    def begin(self, does: str, **how: Any) -> None:
-        assert self.process.stdin is not None
-        self.process.stdin.write(json.dumps({"do": does, **how}) + "\n")
-        self.process.stdin.flush()
-
-    def end(self) -> Any:
-        return self._read()
-
-    def do(self, does: str, **how: Any) -> Any:
-        self.begin(does, **how)
-        return self.end()
-
-    def close(self) -> None:
-        assert self.process.stdin is not None
-        assert self.process.stdout is not None
-        self.process.stdin.close()
-        try:
-            self.process.wait(5.0)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
-        self.process.stdout.close()
-
-
-@pytest.fixture(scope="module")
-def ros(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """A ROS 2 network of its own for the processes of this file."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ROS_DOMAIN_ID", str(2 + os.getpid() % 90))
-        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        patch.setenv("ROS_LOG_DIR", str(tmp_path_factory.mktemp("ros-log")))
-        patch.delenv("RMW_IMPLEMENTATION", raising=False)
-        yield
-
-
-@pytest.fixture(scope="module")
-def peers(ros: None) -> Iterator[tuple[Peer, Peer]]:
-    """Two ROS nodes: the hand's driver and the operator."""
-    driver, operator = Peer("-r", "__node:=driver"), Peer("-r", "__node:=operator")
-    try:
-        yield driver.ready(), operator.ready()
-    finally:
-        driver.close()
-        operator.close()
-
-
-@pytest.fixture
-def twin(ros: None, tmp_path: Path) -> Iterator[Twin]:
-    processes = Twin(tmp_path)
-    yield processes
-    processes.clean_up()
-
-
 def joints() -> list[str]:
     return list(load_hand().joints)
-
-
-def latest(operator: Peer, timeout_s: float, level: int) -> dict[str, Any]:
-    """The first diagnostics in which the daemon has this level."""
-
-    def found() -> Any:
-        heard = operator.do("take")["diagnostics"]
-        return next((one for one in heard if one["daemon"]["level"] == level), None)
-
-    return until(found, timeout_s)
 
 
 class TestWithADaemon:
@@ -301,9 +257,9 @@ class TestWithADaemon:
     def test_the_hand_is_followed_and_everything_comes_back(self, twin: Twin, peers: tuple[Peer, Peer]) -> None:
         (driver, operator), names = peers, joints()
         bridge = twin.start("bridge", "ros2", "--ros-args", "-p", "diagnostics_period_s:=0.5")
-        latest(operator, 15.0, 2)  # before the daemon
+        latest(operator, 45.0, 2)  # before the daemon
         daemon = twin.start("run")
-        waiting = latest(operator, 15.0, 1)
+        waiting = latest(operator, 45.0, 1)
         assert waiting["daemon"]["message"] == "waiting for the first joint states"
         assert waiting["bridge"]["values"]["connected"] == "true"
 
@@ -332,17 +288,17 @@ class TestWithADaemon:
         assert np.abs(residual["position"]).max() < 2.0
 
         driver.do("publish_bytes", topic="joint_states", payload=b"\x00\x01\x00\x00garbage".hex())
-        stale = latest(operator, 5.0, 1)["daemon"]
+        stale = latest(operator, 15.0, 1)["daemon"]
         assert stale["message"].startswith("stale")
         assert stale["values"]["joint_states.counts.malformed"] == "1"
 
         daemon.kill()
-        gone = latest(operator, 5.0, 2)
+        gone = latest(operator, 15.0, 2)
         assert gone["daemon"]["message"] == f"no daemon answers at twin/{NS}/health"
         assert gone["bridge"]["values"]["connected"] == "false"
         daemon = twin.start("run")
         until(arrives)
-        latest(operator, 5.0, 0)
+        latest(operator, 15.0, 0)
         code, _, err = twin.end(bridge)
         assert code == 0, err
         assert err.splitlines()[-1].endswith("0 errors")
@@ -367,8 +323,9 @@ class TestWithARouter:
             ]
             kept: list[zenoh.Query] = []
             entities += [
-                router.declare_queryable("twin/left/command/arm", answering({"accepted": True, "reason": "armed"})),
-                router.declare_queryable("twin/left/command/disarm", answering({"accepted": False, "reason": "no"})),
+                router.declare_queryable("twin/left/command/status", answering({"mode": "read_only", "session": "1"})),
+                router.declare_queryable("twin/left/command/arm", answering({"accepted": True})),
+                router.declare_queryable("twin/left/command/disarm", answering({"accepted": False, "why": "no"})),
                 router.declare_queryable("twin/left/command/recalibrate", kept.append),
             ]
             bridge = twin.start(

@@ -56,6 +56,17 @@ def test_a_trajectory_is_followed_from_where_the_hand_is(rig: Rig) -> None:
     assert path[:, 1].max() == pytest.approx(1.0, abs=0.01)
 
 
+def test_a_trajectory_can_say_how_long_the_way_to_its_first_point_takes(rig: Rig) -> None:
+    rig.arm()
+    once = rig.ask("trajectory", joints=["rh_MFJ3"], times_s=[0.0], positions=[[0.5]], lead_s=2.0)
+    assert once["seconds"] == pytest.approx(2.0, abs=0.02)
+    path = np.array([one.position[0] for one in rig.turns(2.2)])
+    assert path[len(path) // 2] == pytest.approx(0.25, abs=0.05)
+    assert path[-1] == pytest.approx(0.5, abs=1e-6)
+    hasty = rig.ask("trajectory", joints=["rh_MFJ3"], times_s=[0.0], positions=[[1.5]], lead_s=0.1)
+    assert hasty["check"] == "velocity"
+
+
 LOSSES: dict[str, tuple[str, Any]] = {
     "commander": ("silent", lambda rig: None),
     "stale": ("last heard", lambda rig: setattr(rig, "speaks", False)),

@@ -48,13 +48,22 @@ def test_each_may_do_what_his_role_says(
         def received() -> int:
             return ask(sessions["viewer"], f"twin/{NS}/health", 10.0)["joint_states"]["received"]
 
+        # what the gate has let through is heard by everybody, and said by nobody else
+        passed: list[bytes] = []
+        ear = sessions["viewer"].declare_subscriber(
+            f"twin/{NS}/command/sent",
+            lambda heard: passed.append(heard.payload.to_bytes()),
+            allowed_origin=zenoh.Locality.REMOTE,
+        )
         sample = cdr.encode(JointSample(0, names, np.zeros(24)))
         for name, session in sessions.items():
             if name != "hand":
                 session.put(f"{NS}/joint_states", sample)
                 session.put(f"{NS}/joint_commands", sample)
+            session.put(f"twin/{NS}/command/sent", sample)
         time.sleep(0.5)
         assert received() == 0
+        assert passed == []
         until(lambda: sessions["hand"].put(f"{NS}/joint_states", sample) or received() > 0)
 
         keyring = load_keyring(keys)
@@ -62,12 +71,15 @@ def test_each_may_do_what_his_role_says(
         arm = {"reason": "a test"}
         operator = Commander(sessions["operator"], description, keyring, "operator")
         until(lambda: sessions["hand"].put(f"{NS}/joint_states", sample) or operator.ask("arm", **arm)["accepted"])
+        assert operator.ask("move", targets={"rh_FFJ3": 0.01})["accepted"]
+        until(lambda: passed)
+        ear.undeclare()
         for name, session in sessions.items():
             if name == "operator":
                 continue
             # with the operator's own key, but on a connection that may not command
             thief = Commander(session, description, keyring, "operator")
-            thief._life = operator._life
+            thief._signer.session = operator._signer.session
             with pytest.raises(NoAnswer):
                 thief.ask("disarm", 1.0)
         assert operator.status()["mode"] == "armed"

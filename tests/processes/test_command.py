@@ -125,7 +125,7 @@ def test_denied_commanders_get_nothing_through_and_are_written_down(scene: Scene
         commander.stream(publisher := commander.stream_to(), {"rh_FFJ3": 0.1})
         publisher.undeclare()
     # a request that was overheard and comes again
-    payload, proof = honest._signed("move", {"targets": {"rh_FFJ3": 0.05}})
+    payload, proof = honest._signer.signed("move", {"targets": {"rh_FFJ3": 0.05}})
     first = honest._get("move", payload, proof, 10.0)
     again = honest._get("move", payload, proof, 10.0)
     assert first["accepted"]
@@ -134,6 +134,7 @@ def test_denied_commanders_get_nothing_through_and_are_written_down(scene: Scene
     assert honest._get("disarm", b"{}", proof, 5.0)["check"] == "identity"
     refused = [entry for entry in entries_of(scene.log) if not entry["accepted"]]
     assert {entry["check"] for entry in refused} >= {"identity", "role", "order"}
+    until(lambda: scene.sent)
     assert max(abs(value) for one in scene.sent for value in one.position) <= 0.05 + 1e-6
     assert not verify(scene.log).broken
 

@@ -131,8 +131,11 @@ def smooth_move(
     return Motion("move", "move", start + blend * (end - start), dt_s)
 
 
-def along(limits: Limits, hand: Hand, begin: np.ndarray, plan: Trajectory, share: float, dt_s: float) -> Motion:
-    """From `begin` (c,) smoothly to the start of a trajectory, then along it. Raises BadInput where it does not fit."""
+def along(
+    limits: Limits, hand: Hand, begin: np.ndarray, plan: Trajectory, lead_s: float | None, share: float, dt_s: float
+) -> Motion:
+    """From `begin` (c,) smoothly to the start of a trajectory, in `lead_s` or at a share of the velocity limits, then
+    along it. Raises BadInput where it does not fit."""
     times = np.append(np.arange(0.0, plan.duration_s, dt_s), plan.duration_s)
     sampled = plan.sample(times)
     columns = _command_columns(hand, plan.joints)
@@ -143,7 +146,7 @@ def along(limits: Limits, hand: Hand, begin: np.ndarray, plan: Trajectory, share
     if _outside(limits, table):
         return Motion("trajectory", plan.name, table, dt_s)
     start = dict(zip(limits.names, table[0].tolist(), strict=True))
-    lead_in = smooth_move(limits, begin, start, None, share, dt_s)
+    lead_in = smooth_move(limits, begin, start, lead_s, share, dt_s)
     return Motion("trajectory", plan.name, np.concatenate([lead_in.table, table[1:]]), dt_s)
 
 

@@ -42,7 +42,7 @@ class Planner:
             targets = dict(zip(plan.joints, plan.positions.sum(axis=0).tolist(), strict=True))
             if not np.isfinite(plan.positions).all():
                 return replace(asked, targets=targets)
-            motion = along(limits, hand, begin, plan, share, self._dt_s)
+            motion = along(limits, hand, begin, plan, request.lead_s, share, self._dt_s)
         elif isinstance(request, (Move, Target)):
             targets = dict(request.targets)
             if not targets or not np.isfinite(list(targets.values())).all():

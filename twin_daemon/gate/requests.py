@@ -64,12 +64,14 @@ class Move(_Request):
 
 
 class Follow(_Request):
-    """A trajectory: `times_s` (w,) from 0, `positions` (w, j) rad of `joints`."""
+    """A trajectory: `times_s` (w,) from 0, `positions` (w, j) rad of `joints`. `lead_s` is how long the way from where
+    the hand is to the first position takes; without it the gate chooses."""
 
     name: str = Field(default="trajectory", max_length=200)
     joints: Annotated[list[_Name], Field(min_length=1, max_length=256)]
-    times_s: Annotated[list[float], Field(min_length=2, max_length=MAX_POINTS)]
-    positions: Annotated[list[list[float]], Field(min_length=2, max_length=MAX_POINTS)]
+    times_s: Annotated[list[float], Field(min_length=1, max_length=MAX_POINTS)]
+    positions: Annotated[list[list[float]], Field(min_length=1, max_length=MAX_POINTS)]
+    lead_s: float | None = Field(default=None, gt=0.0, le=600.0, allow_inf_nan=False)
     dry_run: bool = False
 
 

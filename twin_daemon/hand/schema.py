@@ -41,6 +41,9 @@ class CommandInfo(_Strict):
     joints: Annotated[list[Name], Field(min_length=1)]
 
 
+CommandOutput = Literal["none", "joint_commands", "trajectory", "position_controllers"]
+
+
 class Topics(_Strict):
     """Names of the ROS topics. {joint} in position_controller is the bare command in lower case: ffj3, ffj0."""
 
@@ -98,6 +101,8 @@ class HandDescription(_Strict):
     commands: dict[Name, CommandInfo] = Field(default_factory=dict)
     groups: dict[Name, Annotated[list[Name], Field(min_length=1)]] = Field(default_factory=dict)
     topics: Topics = Field(default_factory=Topics)
+    command_output: CommandOutput = "none"
+    """As what a hand behind ROS takes commands, on the topic of that name."""
     keys: Keys = Field(default_factory=Keys)
     trajectory_order: list[Name] = Field(default_factory=list)
     """Joints of the numbers in a waypoint's `joint_angles`."""

@@ -1,0 +1,45 @@
+"""What makes a request somebody's own: his name, the gate's present life, and a number that grows."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from twin_daemon.gate.identity import Keyring
+
+
+class Signer:
+    """Makes requests in the name of `name`; without a keyring anonymous ones. Safe to use from several threads.
+
+    `session` is the gate's own name for its present life, "" until the gate has told it.
+    """
+
+    def __init__(self, keyring: Keyring | None = None, name: str = "") -> None:
+        self.session = ""
+        self._keyring = keyring
+        self._name = name
+        self._sequence = 0
+        self._lock = threading.Lock()
+
+    def learn(self, told: Mapping[str, Any]) -> None:
+        """Takes the gate's session from its status, or from a reply, which carries it."""
+        status = told.get("gate") or told
+        self.session = str(status.get("session") or self.session)
+
+    def signed(self, verb: str, body: Mapping[str, Any], stamp_ns: int | None = None) -> tuple[bytes, bytes | None]:
+        """The bytes of a request and their proof. `stamp_ns` is when it was asked, if that was not just now."""
+        with self._lock:
+            now_ns = time.time_ns()
+            self._sequence = max(now_ns, self._sequence + 1)
+            own = {
+                "session": self.session,
+                "sequence": self._sequence,
+                "stamp_ns": now_ns if stamp_ns is None else stamp_ns,
+            }
+        payload = json.dumps({**own, **body}).encode()
+        if self._keyring is None:
+            return payload, None
+        return payload, self._keyring.sign(self._name, verb, payload).encode()
