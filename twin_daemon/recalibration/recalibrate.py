@@ -16,8 +16,11 @@ from twin_daemon.simulation.twin import TwinModel
 
 SPACE = "wear"
 _PROMISE = 2.0  # so many times the error that a version promised, parameters alone do not explain the change
+_HALF = 0.5  # where nothing was promised: so much of the error may be left
 _CLEARLY = 0.8  # of the fitted error: below it an effect is preferred to parameters
 _MOST_EFFECTS = 2
+_SEARCHES = (("bayes", 0.4), ("least-squares", 0.6))
+"""One after the other, each with its share of the time: the first looks round, the second goes to the end."""
 
 
 @dataclass(frozen=True)
@@ -53,19 +56,17 @@ def recalibrate(
     space = _around(load_space(SPACE), joints)
     moving = tuple(name for i, name in enumerate(twin.joints) if any(r.moving[i] for r in train))
     started = {knob.name: knob.start for knob in knobs_of(space, twin, moving)}
-    ends_s = None if seconds is None else time.monotonic() + seconds
-
-    def report(count: int, best: float) -> None:
-        if progress is not None:
-            progress(count, best)
-        if ends_s is not None and time.monotonic() > ends_s:
-            raise KeyboardInterrupt  # the search keeps its best
-
     say("searching around the version in use")
-    fitted = calibrate(twin, train, held, space, "bayes", budget=budget, seed=seed, progress=report)
-    after = twin.changed(fitted.terms)
+    after = twin
+    fitted: Calibration
+    for search, share in _SEARCHES:
+        fitted = calibrate(
+            after, train, held, space, search, budget=budget, seed=seed, progress=_until(seconds, share, progress)
+        )
+        after = after.changed(fitted.terms)
     decision = decide(twin, after, held, fitted.parameters, started, seed)
-    enough = promised_rad2 is not None and decision.after_rad2 <= _PROMISE * promised_rad2
+    bound_rad2 = _HALF * decision.before_rad2 if promised_rad2 is None else _PROMISE * promised_rad2
+    enough = decision.after_rad2 <= bound_rad2
     if enough and decision.better:
         return Recalibration(after, decision, fitted.parameters, fitted, None, ())
     say("parameters alone do not explain the change: looking for an effect that has appeared")
@@ -76,6 +77,19 @@ def recalibrate(
             named = tuple(f"{step.effect} at {step.target}" for step in ladder.steps if step.effect is not None)
             return Recalibration(ladder.twin, other, ladder.parameters, fitted, ladder, named)
     return Recalibration(after, decision, fitted.parameters, fitted, ladder, ())
+
+
+def _until(seconds: float | None, share: float, progress: Progress | None) -> Progress:
+    """Reports on, and ends a search after its share of the time; it then keeps its best."""
+    ends_s = float("inf") if seconds is None else time.monotonic() + share * seconds
+
+    def report(count: int, best: float) -> None:
+        if progress is not None:
+            progress(count, best)
+        if time.monotonic() > ends_s:
+            raise KeyboardInterrupt
+
+    return report
 
 
 def _around(space: Space, joints: Sequence[str]) -> Space:
