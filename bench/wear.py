@@ -82,10 +82,10 @@ def main() -> None:
             appeared = ", ".join(found.appeared) or "-"
             decided = "promoted" if found.decision.better else "kept: " + "; ".join(found.decision.against)
             hides = ", ".join(hidden) or "nothing"
-            rows.append(
-                f"| {week} | {hides} | {errors[0]:.2g} | {errors[1]:.2g} | {errors[0] / errors[1]:.1f} | {errors[2]:.2g} "
-                f"| {errors[2] / errors[0]:.0f} | {appeared} | {decided} | {took_s:.0f} |"
-            )
+            follow, anew, left = errors
+            cells = [week, hides, f"{follow:.2g}", f"{anew:.2g}", f"{follow / anew:.1f}", f"{left:.2g}"]
+            cells += [f"{left / follow:.0f}", appeared, decided, f"{took_s:.0f}"]
+            rows.append("| " + " | ".join(map(str, cells)) + " |")
             print(rows[-1], flush=True)
     if arguments.page:
         arguments.page.write_text(_PAGE + "\n".join(rows) + "\n", encoding="utf-8")
@@ -93,8 +93,8 @@ def main() -> None:
 
 _PAGE = """# Weeks of wear
 
-Made by `python -m bench.wear`. A finger of the stand-in hand wears from week to week; each week it is recorded for 16 s.
-One twin follows (recalibrated from its own last version), one is calibrated anew from the model as it comes, one is
+Made by `python -m bench.wear`. A finger of the stand-in hand wears from week to week; each week it is recorded for
+16 s. One twin follows (recalibrated from its own last version), one is calibrated anew from the model as it comes, one is
 never recalibrated after week 0. Errors in rad² on other motion of the same week, that no fit has seen.
 
 | week | worn by | follows | anew | ratio | never | never / follows | named as appeared | decision | s |
