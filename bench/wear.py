@@ -94,8 +94,8 @@ def main() -> None:
 _PAGE = """# Weeks of wear
 
 Made by `python -m bench.wear`. A finger of the stand-in hand wears from week to week; each week it is recorded for
-16 s. One twin follows (recalibrated from its own last version), one is calibrated anew from the model as it comes, one is
-never recalibrated after week 0. Errors in rad² on other motion of the same week, that no fit has seen.
+16 s. One twin follows (recalibrated from its own last version), one is calibrated anew from the model as it comes,
+one is never recalibrated after week 0. Errors in rad² on other motion of the same week, that no fit has seen.
 
 | week | worn by | follows | anew | ratio | never | never / follows | named as appeared | decision | s |
 |---|---|---|---|---|---|---|---|---|---|
