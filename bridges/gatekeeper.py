@@ -16,7 +16,6 @@ import zenoh
 
 from bridges.guard import Guard
 from bridges.outlet import Outlet
-from twin_daemon.errors import nearest
 from twin_daemon.gate.audit import AuditLog
 from twin_daemon.gate.checks import NOTHING_SENT
 from twin_daemon.gate.gate import Gate
@@ -82,7 +81,7 @@ def _sentence(entry: dict[str, Any]) -> str:
 
 
 class Gatekeeper:
-    """Serves `command/*` and turns the gate in a thread of its own.
+    """Serves `command/<verb>` and turns the gate in a thread of its own.
 
     A request is the JSON of its verb, with a proof of who asks as the attachment; the reply says accepted or refused
     and why. `command/target` can be put as well as asked: a stream then needs no replies. `recalibrate` begins a
@@ -111,7 +110,8 @@ class Gatekeeper:
         self._thread = threading.Thread(target=self._turns, name="twin-gate", daemon=True)
         self._thread.start()
         self._entities: list[Any] = [
-            session.declare_queryable(self._key("*"), self._reply),
+            # one each, because each has a thread: a stop must not wait until a long trajectory has been looked at
+            *(session.declare_queryable(self._key(verb), self._reply) for verb in (*KINDS, "status")),
             session.declare_subscriber(self._key("target"), self._streamed),
         ]
 
@@ -154,8 +154,6 @@ class Gatekeeper:
         began_s = time.thread_time()  # the processor's time: what others take of the machine is theirs
         if verb == "status":
             return self.status()
-        if verb not in KINDS:
-            return _refused(verb, "verb", f"there is no command '{verb}'", nearest(verb, [*KINDS, "status"]))
         try:
             request = read_request(verb, payload)
         except BadRequest as error:

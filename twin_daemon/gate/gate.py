@@ -20,11 +20,12 @@ from twin_daemon.errors import BadInput
 from twin_daemon.gate.checks import ALLOWED, IDENTITY, MOTION, Asked, Refusal, Situation, first_refusal, identity_proved
 from twin_daemon.gate.identity import Who
 from twin_daemon.gate.limits import limits_of
-from twin_daemon.gate.motion import Motion, commands_of
+from twin_daemon.gate.motion import Motion, commands_of, row_of
 from twin_daemon.gate.planning import Planner
 from twin_daemon.gate.preview import Preview
 from twin_daemon.gate.requests import Follow, Move, Request
 from twin_daemon.gate.sendable import Sendable, make_sendable
+from twin_daemon.gate.senses import Senses
 from twin_daemon.gate.settings import GateSettings
 from twin_daemon.gate.shaper import Shaper
 from twin_daemon.gate.trips import Trip, Trips, Turn
@@ -34,8 +35,6 @@ Witness = Callable[[dict[str, Any]], None]
 _REMEMBERED = 512  # stamps of commands that were sent
 _STREAM_S = 1.0  # targets closer than this are one stream
 _RESEND_S = 0.2  # a target that is held is said again: one message may be lost
-_BEYOND_RAD = 1.0  # of its range; no reading of a joint is farther out
-_SAG_RAD = 0.1  # a servo under load rests so far from its target
 _GRACE_S = 0.5  # for another source to notice that it is no longer the only one
 
 
@@ -71,16 +70,7 @@ class Gate:
         self._sent_row = np.full(len(self.limits.names), np.nan)
         self._number = self._stamp_ns = 0
         self._streamed_s = -np.inf
-        self._heard = np.full(len(twin.joints), np.nan), np.full(len(twin.joints), -np.inf)
-        low, high = np.array([twin.hand.joint_range_rad.get(name, (-np.inf, np.inf)) for name in twin.joints]).T
-        bounded = np.isfinite(high - low)
-        self._middle = np.where(bounded, 0.5 * (low + high), 0.0)
-        self._reach = np.where(bounded, 0.5 * (high - low) + _BEYOND_RAD, np.inf)
-        self._effort: dict[str, float] = {}
-        self._seen = np.full(len(self.limits.names), np.nan)
-        parts = [[twin.joints.index(j) for j in info.joints] for info in twin.hand.description.commands.values()]
-        self._parts = np.array([joint for joints in parts for joint in joints], dtype=int)
-        self._firsts = np.cumsum([0, *map(len, parts[:-1])])
+        self._senses = Senses(twin, self.limits)
         self.use(twin)
 
     def use(self, twin: TwinModel) -> None:
@@ -92,15 +82,8 @@ class Gate:
     # -- what is seen of the hand --------------------------------------------------------------------------
 
     def measured(self, position: np.ndarray, arrival_s: np.ndarray, effort: Mapping[str, float] | None = None) -> None:
-        """Where the joints (j,) were last measured, rad, and when that arrived, s. A reading that its joint cannot
-        reach says nothing: the joint grows old."""
-        with np.errstate(invalid="ignore"):
-            known = np.abs(position - self._middle) <= self._reach
-        before, heard_s = self._heard
-        # replaced as a whole and without the lock: the stream of joint states never waits for the gate
-        self._heard = np.where(known, position, before), np.where(known, arrival_s, heard_s)
-        if effort:
-            self._effort = {**self._effort, **effort}
+        """Where the joints (j,) were last measured, rad, and when that arrived, s. Waits for nobody."""
+        self._senses.measured(position, arrival_s, effort)
 
     def seen(self, stamp_ns: int, names: tuple[str, ...], position: np.ndarray, now_s: float) -> None:
         """A command on its way to the hand. One that is not the gate's own ends what the gate does."""
@@ -111,8 +94,7 @@ class Gate:
                 row = commands_of(self._hand, dict(zip(names, position.tolist(), strict=True)))
             except (BadInput, ValueError):
                 return
-            for name, value in row.items():
-                self._seen[self.limits.names.index(name)] = value
+            self._senses.told(row_of(self.limits, row))
             if self._mode == "armed" and now_s > self._first_sent_s + _GRACE_S > 0.0:
                 self._end(Trip("foreign", "somebody else sends commands to this hand, past the gate"), now_s)
 
@@ -124,7 +106,7 @@ class Gate:
         with self._asking if verb in MOTION else contextlib.nullcontext():
             with self._lock:
                 situation, generation = self._situation(who, now_s), self._generation
-                measured, planner = self._heard[0], self._planner
+                measured, planner = self._senses.pose, self._planner
             age_s = (wall_ns - request.stamp_ns) * 1e-9
             reason, lease_s = getattr(request, "reason", ""), getattr(request, "lease_s", None)
             asked = Asked(verb, who, request.session, request.sequence, age_s, reason, lease_s or self.settings.lease_s)
@@ -221,7 +203,7 @@ class Gate:
         if motion is not None and velocity.any():
             now = self._start()
             then = np.where(shaper.given, shaper.stopping(position, velocity), now)
-            found = self._ahead.first_collision(self._heard[0], now, then)
+            found = self._ahead.first_collision(self._senses.pose, now, then)
             if found is not None:
                 self._end(Trip("collision", str(found)), now_s)
                 position, velocity = shaper.toward(rest, dt_s)
@@ -240,7 +222,7 @@ class Gate:
         self._stamp_ns = max(wall_ns, self._stamp_ns + 1)
         self._sent.append(self._stamp_ns)
         self._sent_row, self._sent_s = row.copy(), now_s
-        self._seen = np.where(given, row, self._seen)
+        self._senses.told(row)
         if self._first_sent_s < 0.0:
             self._first_sent_s = now_s
         names = tuple(name for name, known in zip(self.limits.names, given, strict=True) if known)
@@ -303,20 +285,11 @@ class Gate:
             limits=self.limits,
             settings=self.settings,
             setpoint=self._start(),
-            age_s=self._ages_s(now_s),
+            age_s=self._senses.ages_s(now_s),
         )
 
     def _start(self) -> np.ndarray:
-        """(c,) where each command is: its setpoint, else what the hand was last told if it is there, else measured."""
-        measured = self._by_command()
-        told = np.where(np.abs(self._seen - measured) <= _SAG_RAD, self._seen, measured)
-        return np.where(self._shaper.given, self._shaper.position, self.limits.clip(told))
-
-    def _by_command(self) -> np.ndarray:
-        return np.add.reduceat(self._heard[0][self._parts], self._firsts)
-
-    def _ages_s(self, now_s: float) -> np.ndarray:
-        return now_s - np.minimum.reduceat(self._heard[1][self._parts], self._firsts)
+        return self._senses.start(self._shaper.position)
 
     def _seen_turn(self, now_s: float, since_s: float) -> Turn:
         silent_s = now_s - self._beat_s if self._motion is not None else 0.0
@@ -327,9 +300,9 @@ class Gate:
             commander_silent_s=silent_s,
             names=self.limits.names,
             setpoint=self._shaper.position,
-            measured=self._by_command(),
-            age_s=self._ages_s(now_s),
-            effort=self._effort,
+            measured=self._senses.by_command(),
+            age_s=self._senses.ages_s(now_s),
+            effort=self._senses.effort,
         )
 
     def _record(self, asked: Asked, refusal: Refusal | None, now_s: float) -> None:
