@@ -30,12 +30,11 @@ from twin_daemon.versions import VersionStore
 log = logging.getLogger("twin")
 
 _TWIN = "import sys; from twin_daemon.cli.app import main; sys.exit(main())"
-_LOWEST_PRIORITY = 19
 _CLOSE_S = 5.0
 _MOVES_RAD_S = 0.05
 _IDLE_S = 10.0
 _PERIOD_S = 1.0
-_AFTER_SEARCH_S = 1800.0  # a diagnosis may follow the search; more than this is a run that hangs
+_HANGS_S = 6 * 3600.0  # at the lowest priority beside other work a run is slow; after this long it hangs
 
 
 class Recalibrator:
@@ -167,7 +166,7 @@ class Recalibrator:
                 command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
             )
             with contextlib.suppress(psutil.Error):
-                psutil.Process(self._process.pid).nice(_LOWEST_PRIORITY)
+                psutil.Process(self._process.pid).nice(self._settings.nice)
             self._began_s = time.monotonic()
         self.schedule.done(datetime.now(UTC))
         self._service.tell("recalibration", f"a recalibration has begun: {why}", {"why": why, "joints": list(joints)})
@@ -178,7 +177,7 @@ class Recalibrator:
         if process is None:
             return
         if process.poll() is None:
-            if now_s - self._began_s > self._settings.seconds + _AFTER_SEARCH_S:
+            if now_s - self._began_s > self._settings.seconds + _HANGS_S:
                 _end(process)
             return
         _, said = process.communicate()

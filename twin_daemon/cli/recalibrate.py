@@ -27,7 +27,8 @@ def command(
     holdout: options.Holdouts = None,
     joints: options.Joints = None,
     within: Annotated[
-        float | None, typer.Option("--within", metavar="S", min=1.0, help="End the search after so many seconds.")
+        float | None,
+        typer.Option("--within", metavar="S", min=1.0, help="End the search after so many seconds of the machine."),
     ] = None,
     promote: Annotated[
         bool, typer.Option("--promote", help="Promote the result if it is decided to be better.")

@@ -12,6 +12,7 @@ from twin_daemon.fitting.spaces import Space, knobs_of, load_space
 from twin_daemon.fitting.tracker import Progress
 from twin_daemon.recalibration.decide import Decision, decide
 from twin_daemon.simulation.alignment import Aligned
+from twin_daemon.simulation.rollout import thread_count
 from twin_daemon.simulation.twin import TwinModel
 
 SPACE = "wear"
@@ -80,13 +81,16 @@ def recalibrate(
 
 
 def _until(seconds: float | None, share: float, progress: Progress | None) -> Progress:
-    """Reports on, and ends a search after its share of the time; it then keeps its best."""
-    ends_s = float("inf") if seconds is None else time.monotonic() + share * seconds
+    """Reports on, and ends a search after its share of the time; it then keeps its best.
+
+    The processor's time counts, over the threads that roll out: at the lowest priority it may be slow, but not worse.
+    """
+    ends_s = float("inf") if seconds is None else time.process_time() + share * seconds * thread_count()
 
     def report(count: int, best: float) -> None:
         if progress is not None:
             progress(count, best)
-        if time.monotonic() > ends_s:
+        if time.process_time() > ends_s:
             raise KeyboardInterrupt
 
     return report

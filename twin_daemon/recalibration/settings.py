@@ -27,7 +27,10 @@ class RecalibrationSettings(BaseModel):
     least_minutes: float = Field(
         default=10.0, ge=0.0, description="between the ends of one run and the start of the next"
     )
-    seconds: float = Field(default=300.0, gt=0.0, le=86_400.0, description="what one search may take")
+    seconds: float = Field(
+        default=300.0, gt=0.0, le=86_400.0, description="what the search may take, if nothing else ran"
+    )
+    nice: int = Field(default=19, ge=0, le=19, description="priority of its process; 19 is the lowest")
     trajectory: str = Field(default="rich_hand", description="of an active run")
     identity: str = Field(default="operator", description="in whose name an active run arms the hand")
     probation_s: float = Field(
