@@ -16,6 +16,7 @@ def test_the_wheel_holds_what_the_page_is_made_of(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     (wheel,) = tmp_path.glob("*.whl")
     held = set(zipfile.ZipFile(wheel).namelist())
-    needed = {str(path.relative_to(ROOT)) for path in (ROOT / "twin_daemon/report/templates").iterdir()}
-    assert len(needed) > 5
+    folders = ("twin_daemon/report/templates", "workbench/templates", "workbench/static")
+    needed = {str(path.relative_to(ROOT)) for folder in folders for path in (ROOT / folder).iterdir()}
+    assert len(needed) > 15
     assert needed <= held

@@ -63,7 +63,7 @@ def render(content: Content) -> str:
     plotly_js, page_js = (_one_ending(text) for text in (plotly.offline.get_plotlyjs(), _text("page.js")))
     return _environment().get_template("page.html.j2").render(
         policy=_policy(plotly_js, page_js),
-        css=Markup(_text("page.css")),
+        css=Markup(style()),
         plotly_js=Markup(plotly_js),
         page_js=Markup(page_js),
         colours=in_script(DARK),
@@ -77,6 +77,11 @@ def render(content: Content) -> str:
         ladder_chart=_ladder_chart(content.ladder),
         verdicts=IN_WORDS,
     )  # fmt: skip
+
+
+def style() -> str:
+    """The style sheet, for other pages that shall look alike."""
+    return _text("page.css")
 
 
 def _ladder_chart(ladder: LadderRead | None) -> Chart | None:

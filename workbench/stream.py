@@ -1,0 +1,71 @@
+"""The live stream of one browser: what is new, twenty times a second."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import numpy as np
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from workbench.live import Live
+from workbench.window import Piece
+
+FRAMES_A_SECOND = 20
+_ABOUT_EVERY = 10  # frames
+
+
+def stream_of(live: Live) -> Callable[[WebSocket], Awaitable[None]]:
+    """The end point of a websocket that sends frames until either side goes.
+
+    A browser that reads slowly gets fewer frames, each with all that was new; nothing piles up here.
+    """
+
+    async def stream(socket: WebSocket) -> None:
+        await socket.accept()
+        left = asyncio.ensure_future(_until_it_leaves(socket))
+        loop = asyncio.get_running_loop()
+        cursor, number, due_s = 0, 0, loop.time()
+        try:
+            while not left.done():
+                piece = live.window.after(cursor)
+                frame = _frame(piece)
+                cursor = piece.cursor
+                if number % _ABOUT_EVERY == 0:
+                    frame |= {"about": live.about(), "rms": _listed(live.window.rms_rad(), 6)}
+                number += 1
+                await socket.send_text(json.dumps(frame, allow_nan=False, separators=(",", ":")))
+                due_s = max(due_s + 1.0 / FRAMES_A_SECOND, loop.time())
+                await asyncio.wait([left], timeout=due_s - loop.time())
+        except (WebSocketDisconnect, RuntimeError):  # it left while something was sent
+            pass
+        finally:
+            left.cancel()
+
+    return stream
+
+
+async def _until_it_leaves(socket: WebSocket) -> None:
+    """Reads and forgets: the page says nothing on this channel."""
+    while (await socket.receive())["type"] != "websocket.disconnect":
+        pass
+
+
+def _frame(piece: Piece) -> dict[str, Any]:
+    if not len(piece.time_s):
+        return {"fresh": True} if piece.fresh and piece.cursor == 0 else {}
+    return {
+        "fresh": piece.fresh,
+        "base_ns": str(piece.base_ns),  # more digits than a number of the page holds
+        "t": np.round(piece.time_s, 4).tolist(),
+        "measured": _listed(piece.measured.T, 5),
+        "predicted": _listed(piece.predicted.T, 5),
+    }
+
+
+def _listed(values: np.ndarray, digits: int) -> list[Any]:
+    """Lists with null for what is not known."""
+    rounded = np.round(values.astype(float), digits)
+    return np.where(np.isfinite(rounded), rounded.astype(object), None).tolist()
