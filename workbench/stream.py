@@ -11,6 +11,7 @@ import numpy as np
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from workbench.live import Live
+from workbench.numbers import listed
 from workbench.window import Piece
 
 FRAMES_A_SECOND = 20
@@ -34,7 +35,7 @@ def stream_of(live: Live) -> Callable[[WebSocket], Awaitable[None]]:
                 frame = _frame(piece)
                 cursor = piece.cursor
                 if number % _ABOUT_EVERY == 0:
-                    frame |= {"about": live.about(), "rms": _listed(live.window.rms_rad(), 6)}
+                    frame |= {"about": live.about(), "rms": listed(live.window.rms_rad(), 6)}
                 number += 1
                 await socket.send_text(json.dumps(frame, allow_nan=False, separators=(",", ":")))
                 due_s = max(due_s + 1.0 / FRAMES_A_SECOND, loop.time())
@@ -60,12 +61,6 @@ def _frame(piece: Piece) -> dict[str, Any]:
         "fresh": piece.fresh,
         "base_ns": str(piece.base_ns),  # more digits than a number of the page holds
         "t": np.round(piece.time_s, 4).tolist(),
-        "measured": _listed(piece.measured.T, 5),
-        "predicted": _listed(piece.predicted.T, 5),
+        "measured": listed(piece.measured.T, 5),
+        "predicted": listed(piece.predicted.T, 5),
     }
-
-
-def _listed(values: np.ndarray, digits: int) -> list[Any]:
-    """Lists with null for what is not known."""
-    rounded = np.round(values.astype(float), digits)
-    return np.where(np.isfinite(rounded), rounded.astype(object), None).tolist()

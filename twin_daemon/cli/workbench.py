@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import logging
 import socket
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from twin_daemon.cli import options
 from twin_daemon.cli.console import people, plain_text
-from twin_daemon.cli.run import Endpoint, Namespace, load_named
+from twin_daemon.cli.run import Endpoint, Namespace, load_named, named_hand
 from twin_daemon.cli.session import silence_mujoco
+from twin_daemon.errors import BadInput
 
 PORT = 8460
 
@@ -25,12 +27,20 @@ Names = Annotated[
     list[str] | None,
     typer.Option("--name", metavar="HOST...", help="Further names under which browsers may ask this server."),
 ]
+Folders = Annotated[
+    list[Path] | None,
+    typer.Option("--folder", metavar="FOLDER...", help="Folders of recordings to offer; default: the state folder's."),
+]
 
 
 def command(
     port: Port = PORT,
     bind: Bind = "127.0.0.1",
     name: Names = None,
+    recording: options.OptionalRecordings = None,
+    folder: Folders = None,
+    trajectory: options.TrajectoryRef = None,
+    joint_map: options.JointMap = None,
     hand: options.HandName = None,
     model: options.Model = None,
     namespace: Namespace = None,
@@ -43,20 +53,38 @@ def command(
     """
     from bridges.session import choose_endpoint
     from bridges.stop import on_termination
+    from twin_daemon.resources import state_dir
+    from twin_daemon.versions import VersionStore
     from workbench.allowance import LOOPBACK, new_token
     from workbench.app import build
+    from workbench.compare import Compare
+    from workbench.history import History
+    from workbench.jobs import Jobs
+    from workbench.learn import Learn
+    from workbench.library import Library
     from workbench.live import Live
     from workbench.server import listen, serve
+    from workbench.shelf import Shelf
 
     logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(levelname)s %(message)s")
     chosen = load_named(hand, model, namespace)
     live = Live(chosen.description, choose_endpoint(endpoint))
     silence_mujoco()
+    library = Library(existing(recording), existing(folder) or [state_dir() / "recordings"])
+    shelf = Shelf(chosen, VersionStore(chosen.name), trajectory, joint_map)
     listener = listen(bind, port)
     token = new_token()
     shown = f"[{bind}]" if ":" in bind else bind
     hosts = {*LOOPBACK, shown, socket.gethostname(), *(name or [])}
-    app = build(chosen, live, token, hosts)
+    for path in recording or []:
+        shelf.warm(path.absolute())
+    compare = Compare(library, shelf)
+    jobs = Jobs(named_hand(hand, model))
+    options_of_data = [*(["--trajectory", trajectory] if trajectory else [])]
+    options_of_data += ["--joint-map", str(joint_map.absolute())] if joint_map else []
+    learn = Learn(library, shelf, jobs, options_of_data)
+    routes = [*compare.routes, *learn.routes, *History(shelf.store).routes]
+    app = build(chosen, live, token, hosts, routes, [jobs.close, shelf.close])
     address = f"http://{shown}:{listener.getsockname()[1]}/"
 
     def ready() -> None:
@@ -69,3 +97,11 @@ def command(
     with on_termination():
         serve(app, listener, seconds, ready)
     return 0
+
+
+def existing(paths: list[Path] | None) -> list[Path]:
+    """The paths, all of which have to be there. Raises BadInput."""
+    for path in paths or []:
+        if not path.exists():
+            raise BadInput("no such file or folder", where=path, todo="Name what is there")
+    return list(paths or [])

@@ -1,9 +1,13 @@
 // Starts the page: the allowance out of its address, the views and their keys.
 import { allowed, element } from "./page.js";
+import * as choices from "./choices.js";
+import * as compare from "./compare.js";
+import * as past from "./history.js";
+import * as learn from "./learn.js";
 import * as live from "./live.js";
 
 const VIEWS = ["live", "compare", "learn", "history"];
-const opened = { live };
+const opened = { live, compare, learn, history: past };
 
 function show() {
   const wanted = location.hash.slice(1).split("/")[0], name = VIEWS.includes(wanted) ? wanted : "live";
@@ -23,3 +27,4 @@ element("allowed").textContent = allowed()
   ? "" : "This page only looks: what keeps, adds or promotes needs the address with the token that 'twin workbench' printed.";
 for (const view of Object.values(opened)) view.start();
 show();
+choices.start().then(() => { document.documentElement.dataset.ready = "yes"; });
