@@ -97,6 +97,7 @@ class History:
             errors = {"mse_rad2": _error(one, "after"), "holdout_mse_rad2": _error(one, "holdout_after")}
             steps.append(step | errors)
         figure = ladder_figure("", steps, {}, None).update_layout(height=420)
+        figure.update_xaxes(range=[-0.4, len(steps) - 0.6])
         words = "The error by what was added, on fitted and on held-out motion."
         return {"version": version.id, "steps": steps, "figure": as_spec(chart("ladder", figure, words))}
 

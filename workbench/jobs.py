@@ -23,7 +23,7 @@ Kind = Literal["diagnose", "add", "ladder"]
 Status = Literal["running", "done", "failed", "stopped"]
 
 _TWIN = "import sys; from twin_daemon.cli.app import main; sys.exit(main())"
-_NICE = 10
+_NICE = 10  # below what is live, but somebody waits for it
 _PATIENCE_S = 5.0
 _INTERRUPTED = 130
 _MOST_LINES = 5000

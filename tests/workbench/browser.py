@@ -76,6 +76,7 @@ class Tab:
         self._numbers = itertools.count(1)
         for domain in ("Page", "Runtime", "Log"):
             self.call(f"{domain}.enable")
+        self.call("Emulation.setFocusEmulationEnabled", enabled=True)  # keys reach a tab behind another one
 
     def call(self, method: str, timeout_s: float = 30.0, **parameters: Any) -> dict[str, Any]:
         number = next(self._numbers)
@@ -108,9 +109,10 @@ class Tab:
         return answer["result"].get("value")
 
     def until(self, expression: str, timeout_s: float = 20.0) -> Any:
-        """The first true value of an expression."""
+        """The first true value of an expression, which may fail while the page is being loaded."""
+        guarded = f"(() => {{ try {{ return {expression} }} catch {{ return null }} }})()"
         deadline_s = time.monotonic() + timeout_s
-        while not (value := self.run(expression)):
+        while not (value := self.run(guarded)):
             assert time.monotonic() < deadline_s, f"not within {timeout_s:g} s: {expression}\n{self.text()[-3000:]}"
             time.sleep(0.1)
         return value

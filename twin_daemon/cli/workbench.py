@@ -85,7 +85,8 @@ def command(
     learn = Learn(library, shelf, jobs, options_of_data)
     routes = [*compare.routes, *learn.routes, *History(shelf.store).routes]
     app = build(chosen, live, token, hosts, routes, [jobs.close, shelf.close])
-    address = f"http://{shown}:{listener.getsockname()[1]}/"
+    name_shown = socket.gethostname() if bind in ("0.0.0.0", "::") else shown
+    address = f"http://{name_shown}:{listener.getsockname()[1]}/"
 
     def ready() -> None:
         console = people()

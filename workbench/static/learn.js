@@ -32,7 +32,7 @@ function explain() {
 
 async function begin(kind, more, recording = element("learn-recording").value) {
   if (!recording) throw new Error("Choose a recording first.");
-  await post(`/api/job/${kind}`, { recording, version: element("learn-version").value, ...more });
+  await post(`/api/job/${kind}`, { recording, version: element("learn-version").value, holdout: element("learn-holdout").value, ...more });
   await look();
 }
 

@@ -36,7 +36,8 @@ async function answered(path, options) {
   let response;
   try {
     response = await fetch(path, options);
-  } catch {
+  } catch (error) {
+    if (error.name === "AbortError") throw error; // the page itself took the question back
     throw new Error("The workbench's server does not answer. Is 'twin workbench' still running? Try again.");
   }
   if (response.ok) return response;
