@@ -44,8 +44,7 @@ class Live:
         self._lock = threading.Lock()
         self._heard_s: float | None = None
         self._health: dict[str, Any] = {}
-        self._drift: dict[str, Any] = {}
-        self._version: dict[str, Any] = {}
+        self._answers: dict[str, dict[str, Any]] = {}
         self._events: list[dict[str, Any]] = []
         self._ended = threading.Event()
         self._ask_now = threading.Event()
@@ -82,13 +81,15 @@ class Live:
     def about(self) -> dict[str, Any]:
         """All but the samples, as a plain object; `words` say it to people."""
         with self._lock:
-            presence, health, drift = self.presence, self._health, self._drift
+            presence, health = self.presence, self._health
+            drift, version, next_fit = (self._answers.get(n, {}) for n in ("drift", "version", "recalibration"))
             timing, loop = health.get("timing") or {}, health.get("loop") or {}
             return {
                 "presence": presence,
                 "words": self._words(presence),
                 "version": health.get("version"),
-                "version_title": self._version.get("title") or self._version.get("kind"),
+                "version_title": version.get("title") or version.get("kind"),
+                "recalibration": next_fit.get("words"),
                 "gate": health.get("gate"),
                 "drift": drift.get("verdict"),
                 "drifting_joints": drift.get("drifting_joints", []),
@@ -202,7 +203,7 @@ class Live:
 
     def _ask(self, session: zenoh.Session) -> None:
         with suppress(TwinError):
-            drift = ask(session, self._description.key("drift"), 1.0)
-            version = ask(session, self._description.key("version"), 1.0)
-            with self._lock:
-                self._drift, self._version = drift, version
+            for name in ("drift", "version", "recalibration"):
+                found = ask(session, self._description.key(name), 1.0)
+                with self._lock:
+                    self._answers[name] = found

@@ -100,7 +100,7 @@ def command(
         ros = RosKeys(settings.ros) if settings.ros is not None else None
         diagnoser = Diagnoser(keeper, service, named_hand(hand, model))
         stack.callback(diagnoser.close)
-        named = [*_named_hand(hand, model), "--namespace", service.namespace, "--endpoint", address]
+        named = [*named_hand(hand, model), "--namespace", service.namespace, "--endpoint", address]
         recalibrator = Recalibrator(settings.recalibration, keeper, service, source.store, folder, named)
         stack.callback(recalibrator.close)
         promotions = Promotions(source)
