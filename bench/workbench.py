@@ -35,10 +35,9 @@ _FRAMES = "Number(document.documentElement.dataset.frames ?? 0)"
 def workbench(endpoint: str, folder: Path) -> Iterator[tuple[str, psutil.Process]]:
     """Its address and process."""
     environment = {**os.environ, "TWIN_ENDPOINT": endpoint, "TWIN_STATE_DIR": str(folder)}
-    process = subprocess.Popen(
-        [sys.executable, "-c", _TWIN, "workbench", "--port", "0"], env=environment, stdout=subprocess.PIPE, text=True
-    )
-    os.sched_setscheduler(process.pid, os.SCHED_OTHER, os.sched_param(0))
+    command = [sys.executable, "-c", _TWIN, "workbench", "--port", "0"]
+    with ordinary():
+        process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     try:
         process.stdout.readline()
@@ -46,6 +45,17 @@ def workbench(endpoint: str, folder: Path) -> Iterator[tuple[str, psutil.Process
     finally:
         process.terminate()
         process.communicate(timeout=20)
+
+
+@contextlib.contextmanager
+def ordinary() -> Iterator[None]:
+    """What is started within has no more right to the processor than other work."""
+    policy, priority = os.sched_getscheduler(0), os.sched_getparam(0)
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, policy, priority)
 
 
 class Frames:
@@ -73,15 +83,12 @@ def main() -> None:
     program = chromium()
     assert program is not None, "no Chromium on this machine"
     if chosen.realtime:
-        os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(1))
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
     driver, found = Driver(), {}
     with tempfile.TemporaryDirectory() as name, contextlib.ExitStack() as stack:
         folder, endpoint = Path(name), f"tcp/127.0.0.1:{_free_port()}"
         daemon = Peer(_TWIN, endpoint, ["run"], folder / "state")
         stack.callback(daemon.close)
-        if chosen.realtime:
-            for thread in psutil.Process(daemon.process.pid).threads():
-                os.sched_setscheduler(thread.id, os.SCHED_RR, os.sched_param(1))
         ask(daemon.session, driver.description.key("state"), 20.0)
 
         def phase(label: str, rate_hz: float, more: dict[str, Any] | None = None) -> dict[str, Any]:
@@ -98,7 +105,10 @@ def main() -> None:
                     result = phase("nobody looks", rate_hz)
                     used = (sum(process.cpu_times()[:2]) - begun[0]) / (time.perf_counter() - begun[1])
                     _tell("nobody looks", rate_hz, result | {"workbench_core_share": used})
-                    with Browser(program, folder / f"browser-{number}-{rate_hz:g}") as browser:
+                    with contextlib.ExitStack() as looking:
+                        with ordinary():
+                            profile = folder / f"browser-{number}-{rate_hz:g}"
+                            browser = looking.enter_context(Browser(program, profile))
                         tab = browser.open(address)
                         feeding = threading.Thread(target=driver.phase, args=(daemon, rate_hz, 8.0))
                         feeding.start()

@@ -29,6 +29,7 @@ from twin_daemon.report.chart import in_script
 from twin_daemon.report.page import style
 from workbench.allowance import Allowance
 from workbench.live import Live
+from workbench.skeleton import Skeleton
 from workbench.stream import stream_of
 
 log = logging.getLogger(__name__)
@@ -45,6 +46,7 @@ Ending = Callable[[], None]
 def build(
     hand: Hand,
     live: Live,
+    skeleton: Skeleton,
     token: str,
     hosts: Iterable[str],
     more: Iterable[BaseRoute] = (),
@@ -61,7 +63,7 @@ def build(
             for end in (*at_end, live.close):
                 await run_in_threadpool(end)
 
-    page = _page(hand)
+    page = _page(hand, skeleton)
     plotly_js = plotly.offline.get_plotlyjs()
 
     async def index(_request: Request) -> Response:
@@ -78,7 +80,7 @@ def build(
         Route("/", index),
         Route(f"/plotly-{plotly.__version__}.js", plotly_file),
         Route("/report.css", style_file),
-        WebSocketRoute("/live", stream_of(live)),
+        WebSocketRoute("/live", stream_of(live, skeleton)),
         posting("/api/keep", lambda _: live.keep()),
         posting(_STOP, lambda body: live.stop_hand(str(body.get("reason", "from the workbench"))[:400])),
         *more,
@@ -139,7 +141,7 @@ def _said(_request: Request, error: Exception) -> Response:
     return JSONResponse({"error": f"A bug in twin_daemon stopped this request ({what})."}, 500)
 
 
-def _page(hand: Hand) -> str:
+def _page(hand: Hand, skeleton: Skeleton) -> str:
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_HERE / "templates"), autoescape=True, undefined=jinja2.StrictUndefined
     )
@@ -148,5 +150,5 @@ def _page(hand: Hand) -> str:
         hand=description.name,
         namespace=description.namespace,
         plotly_version=plotly.__version__,
-        facts=in_script({"joints": list(description.joints), "dark": DARK}),
+        facts=in_script(plain({"joints": list(description.joints), "bones": skeleton.bones, "dark": DARK})),
     )

@@ -12,16 +12,18 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from workbench.live import Live
 from workbench.numbers import listed
+from workbench.skeleton import Skeleton
 from workbench.window import Piece
 
 FRAMES_A_SECOND = 20
 _ABOUT_EVERY = 10  # frames
 
 
-def stream_of(live: Live) -> Callable[[WebSocket], Awaitable[None]]:
+def stream_of(live: Live, skeleton: Skeleton) -> Callable[[WebSocket], Awaitable[None]]:
     """The end point of a websocket that sends frames until either side goes.
 
-    A browser that reads slowly gets fewer frames, each with all that was new; nothing piles up here.
+    A browser that reads slowly gets fewer frames, each with all that was new; nothing piles up here. With
+    `?space=1` each frame has the points of both hands as well.
     """
 
     async def stream(socket: WebSocket) -> None:
@@ -29,10 +31,14 @@ def stream_of(live: Live) -> Callable[[WebSocket], Awaitable[None]]:
         left = asyncio.ensure_future(_until_it_leaves(socket))
         loop = asyncio.get_running_loop()
         cursor, number, due_s = 0, 0, loop.time()
+        space = socket.query_params.get("space") == "1"
         try:
             while not left.done():
                 piece = live.window.after(cursor)
                 frame = _frame(piece)
+                if space and len(piece.time_s):
+                    hands = (skeleton.points(row[-1].astype(float)) for row in (piece.measured, piece.predicted))
+                    frame["hands"] = [listed(points, 4) for points in hands]
                 cursor = piece.cursor
                 if number % _ABOUT_EVERY == 0:
                     frame |= {"about": live.about(), "rms": listed(live.window.rms_rad(), 6)}

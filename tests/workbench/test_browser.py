@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,12 @@ def choose(tab: Tab, select: str, text: str) -> None:
     )
 
 
+def picture(tab: Tab, name: str) -> None:
+    """Renews a picture of docs/workbench.md where TWIN_PICTURES names the folder for it."""
+    if folder := os.environ.get("TWIN_PICTURES"):
+        tab.picture(Path(folder) / f"workbench-{name}.png")
+
+
 def mark(name: str) -> str:
     """What the page says of its own progress."""
     return f"document.documentElement.dataset.{name}"
@@ -63,6 +70,14 @@ def test_the_story(workbench: Any, processes: Twin, browser: Browser, worn: Path
     assert len(first) == 24
     tab.until(f"{rows}.some(([name, value]) => ({json.dumps(first)})[name] !== value)")
 
+    tab.key("s")
+    tab.until(f"{shown('space-words')}.includes('mrad')")
+    picture(tab, "live")
+    before = tab.run("document.getElementById('space').toDataURL()")
+    tab.run("document.getElementById('space').focus()")
+    tab.key("ArrowLeft")
+    tab.until(f"document.getElementById('space').toDataURL() !== {json.dumps(before)}")
+
     tab.key("2")
     choose(tab, "recording", "worn finger.mcap")
     tab.until(mark("compared"), 60.0)
@@ -83,6 +98,8 @@ def test_the_story(workbench: Any, processes: Twin, browser: Browser, worn: Path
     tab.until(f"{shown('job-lines')}.includes('nats')", 200.0)
     viewer.until(f"{mark('job')} && {mark('job')}.startsWith('diagnose')")
     tab.until(f"{mark('job')} === 'diagnose done'", 200.0)
+    tab.run("document.getElementById('view-learn').scrollIntoView()")
+    picture(tab, "diagnosis")
     said = tab.run(shown("diagnosis"))
     assert "Explained" in said
     assert "viscous_friction at rh_FFJ3" in said
@@ -90,6 +107,8 @@ def test_the_story(workbench: Any, processes: Twin, browser: Browser, worn: Path
     version = tab.until(mark("added"), 200.0)
     start, end = tab.until("document.querySelector('#added .js-plotly-plot').data[1].y")  # on held-out motion
     assert end < 0.01 * start
+    tab.run("document.getElementById('added').scrollIntoView()")
+    picture(tab, "added")
     tab.click("#added button")
     tab.until(f"{shown('said')}.includes('in use now')")
 

@@ -65,6 +65,7 @@ def command(
     from workbench.live import Live
     from workbench.server import listen, serve
     from workbench.shelf import Shelf
+    from workbench.skeleton import Skeleton
 
     logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(levelname)s %(message)s")
     chosen = load_named(hand, model, namespace)
@@ -84,7 +85,7 @@ def command(
     options_of_data += ["--joint-map", str(joint_map.absolute())] if joint_map else []
     learn = Learn(library, shelf, jobs, options_of_data)
     routes = [*compare.routes, *learn.routes, *History(shelf.store).routes]
-    app = build(chosen, live, token, hosts, routes, [jobs.close, shelf.close])
+    app = build(chosen, live, Skeleton(shelf.nominal), token, hosts, routes, [jobs.close, shelf.close])
     name_shown = socket.gethostname() if bind in ("0.0.0.0", "::") else shown
     address = f"http://{name_shown}:{listener.getsockname()[1]}/"
 

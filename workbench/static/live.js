@@ -1,5 +1,6 @@
 // The live view: what comes twenty times a second, and what is known of the daemon.
 import { element, facts, made, milli, needsAllowance, number, post, row, say, works } from "./page.js";
+import * as space from "./space.js";
 import { draw } from "./strip.js";
 
 const SHOWN_S = 10, SORT_EVERY_MS = 2000, AGAIN_MS = [250, 500, 1000, 2000];
@@ -8,13 +9,18 @@ const names = facts.joints;
 const kept = { t: [], measured: names.map(() => []), predicted: names.map(() => []) };
 const strips = new Map(); // by number of the joint
 let rms = names.map(() => null), drifting = [], sorted = 0, failures = 0, held = false, news = false, frames = [];
+let socket = null, hands = null;
 
 export function start() {
   element("joints").append(...names.map((name) => row(name, "", "", "", "", "")));
   element("strips-shown").addEventListener("change", () => arrange());
   element("strips-hold").addEventListener("click", hold);
+  space.start();
+  element("space-open").addEventListener("click", inSpace);
   addEventListener("keydown", (event) => {
-    if (event.key === "h" && !event.ctrlKey && !event.metaKey && !event.target.closest("input, select")) hold();
+    if (event.ctrlKey || event.altKey || event.metaKey || event.target.closest("input, select")) return;
+    if (event.key === "h") hold();
+    if (event.key === "s" && !element("view-live").hidden) inSpace();
   });
   needsAllowance(element("keep"));
   works(element("keep"), async () => {
@@ -39,8 +45,19 @@ function hold() {
   element("strips-hold").setAttribute("aria-pressed", String(held));
 }
 
+// The stream carries the hands in space only while somebody looks at them.
+function inSpace() {
+  const open = element("space-box").hidden;
+  element("space-box").hidden = !open;
+  element("space-open").setAttribute("aria-expanded", String(open));
+  hands = null;
+  if (socket) socket.onclose = null;
+  socket?.close();
+  connect();
+}
+
 function connect() {
-  const socket = new WebSocket(`ws://${location.host}/live`);
+  socket = new WebSocket(`ws://${location.host}/live${element("space-box").hidden ? "" : "?space=1"}`);
   socket.onmessage = (event) => { failures = 0; take(JSON.parse(event.data)); };
   socket.onclose = () => {
     presence("lost", "bad", "The workbench's server is away. What is shown is from before; this page tries again by itself.");
@@ -56,6 +73,7 @@ function take(frame) {
     frame.predicted.forEach((values, joint) => kept.predicted[joint].push(...values));
     const old = kept.t.findIndex((time) => time > kept.t[kept.t.length - 1] - SHOWN_S);
     if (old > 0) for (const list of [kept.t, ...kept.measured, ...kept.predicted]) list.splice(0, old);
+    hands = frame.hands ?? null;
     news = true;
   }
   if (frame.about) {
@@ -129,6 +147,11 @@ function tick(now) {
     strip.now.textContent = `rms ${milli(rms[joint])} mrad`;
     draw(strip.canvas, kept.t, kept.measured[joint], kept.predicted[joint], SHOWN_S);
   }
+  const at = kept.t.length - 1;
+  if (hands) space.draw(hands, names.map((_, joint) => {
+    const measured = kept.measured[joint][at] ?? null, predicted = kept.predicted[joint][at] ?? null;
+    return measured === null || predicted === null ? null : measured - predicted;
+  }));
   frames = [...frames.filter((time) => time > now - 2000), now];
   element("strips-rate").textContent = `drawn ${Math.round(frames.length / 2)} times a second`;
   document.documentElement.dataset.frames = String(Number(document.documentElement.dataset.frames ?? 0) + 1);
