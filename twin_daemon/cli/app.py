@@ -34,6 +34,7 @@ COMMANDS: dict[str, Entry] = {
     "record": Entry("record", "What hand and twin say, as an MCAP file; --keep saves the daemon's last minutes.", LIVE),
     "bridge": Entry("bridge", "Join a ROS 2 system and the twin.", LIVE),
     "command": Entry("reach", "Commands to the real hand, through a gate: arm, move, trajectory, stop.", LIVE),
+    "workbench": Entry("workbench", "A page in the browser: live, compare, diagnose, add, history.", LIVE),
     "audit": Entry("audit", "Who asked what of the hand, and whether the log of it is whole.", STATE),
     "query": Entry("query", "Ask the daemon: state, residual, version, health, drift, events, model.", LIVE),
     "compare": Entry("compare", "The model against measurements, joint by joint.", OFFLINE),

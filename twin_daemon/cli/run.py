@@ -103,9 +103,9 @@ def command(
         keeper.open(session)
         stack.callback(keeper.close)
         ros = RosKeys(settings.ros) if settings.ros is not None else None
-        diagnoser = Diagnoser(keeper, service, _named_hand(hand, model))
+        diagnoser = Diagnoser(keeper, service, named_hand(hand, model))
         stack.callback(diagnoser.close)
-        named = [*_named_hand(hand, model), "--namespace", service.namespace, "--endpoint", address]
+        named = [*named_hand(hand, model), "--namespace", service.namespace, "--endpoint", address]
         recalibrator = Recalibrator(settings.recalibration, keeper, service, source.store, folder, named)
         stack.callback(recalibrator.close)
         promotions = Promotions(source)
@@ -175,7 +175,7 @@ def load_named(hand: str | None, model: Path | None, namespace: str | None) -> H
     return replace(loaded, description=loaded.description.model_copy(update={"namespace": namespace}))
 
 
-def _named_hand(hand: str | None, model: Path | None) -> list[str]:
+def named_hand(hand: str | None, model: Path | None) -> list[str]:
     """The options that name the same hand to another command."""
     return [*(["--hand", hand] if hand else []), *(["--model", str(model)] if model else [])]
 

@@ -14,6 +14,7 @@ from twin_daemon.simulation.alignment import Aligned, command_onset, model_onset
 from twin_daemon.simulation.twin import TwinModel
 
 _LAG_RANGE_S = 0.3
+_LAG_SAMPLES = 6000  # that the first look for a lag takes of a long recording
 
 
 @dataclass(frozen=True)
@@ -82,15 +83,16 @@ def _lag(time_s: np.ndarray, measured: np.ndarray, predicted: np.ndarray) -> flo
     """The shift of the prediction (s) that brings it closest to the measurement; None where none can be told."""
     if np.ptp(predicted) < 1e-3 or time_s[-1] < 2 * _LAG_RANGE_S:
         return None
-    inner = (time_s >= _LAG_RANGE_S) & (time_s <= time_s[-1] - _LAG_RANGE_S)
+    inner = np.flatnonzero((time_s >= _LAG_RANGE_S) & (time_s <= time_s[-1] - _LAG_RANGE_S))
 
-    def error(lag: float) -> float:
-        shifted = np.interp(time_s[inner] - lag, time_s, predicted)
-        gap = measured[inner] - shifted
+    def error(lag: float, every: int = 1) -> float:
+        at = inner[::every]
+        gap = measured[at] - np.interp(time_s[at] - lag, time_s, predicted)
         return float(np.mean((gap - gap.mean()) ** 2))
 
     grid = np.linspace(-_LAG_RANGE_S, _LAG_RANGE_S, 61)
-    best = float(grid[int(np.argmin([error(lag) for lag in grid]))])
+    every = int(np.ceil(len(inner) / _LAG_SAMPLES))
+    best = float(grid[int(np.argmin([error(lag, every) for lag in grid]))])
     if abs(best) >= _LAG_RANGE_S:  # the best lies outside of what was looked at
         return None
     found: Any = minimize_scalar(error, bounds=(best - 0.01, best + 0.01), method="bounded", options={"xatol": 1e-5})

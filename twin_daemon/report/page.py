@@ -63,7 +63,7 @@ def render(content: Content) -> str:
     plotly_js, page_js = (_one_ending(text) for text in (plotly.offline.get_plotlyjs(), _text("page.js")))
     return _environment().get_template("page.html.j2").render(
         policy=_policy(plotly_js, page_js),
-        css=Markup(_text("page.css")),
+        css=Markup(style()),
         plotly_js=Markup(plotly_js),
         page_js=Markup(page_js),
         colours=in_script(DARK),
@@ -72,16 +72,30 @@ def render(content: Content) -> str:
         sections=content.sections,
         overlays=overlays(content.motions),
         conditions=conditions(content.motions),
-        tried=sorted(content.diagnosis.tried, key=lambda trial: -(trial.evidence or 0.0)) if content.diagnosis else [],
-        most_tried=_MOST_TRIED,
-        ladder_chart=_ladder_chart(content.ladder),
+        **(_about(content.diagnosis) if content.diagnosis else {}),
+        ladder_chart=ladder_chart(content.ladder) if content.ladder else None,
         verdicts=IN_WORDS,
     )  # fmt: skip
 
 
-def _ladder_chart(ladder: LadderRead | None) -> Chart | None:
-    if ladder is None:
-        return None
+def style() -> str:
+    """The style sheet, for other pages that shall look alike."""
+    return _text("page.css")
+
+
+def diagnosis_section(found: DiagnosisRead) -> Markup:
+    """The section on a diagnosis alone, for other pages. What comes from the result is escaped."""
+    template = _environment().get_template("section_diagnosis.html.j2")
+    return Markup(template.render(content={"diagnosis": found}, verdicts=IN_WORDS, **_about(found)))
+
+
+def _about(found: DiagnosisRead) -> dict[str, Any]:
+    tried = sorted(found.tried, key=lambda trial: -(trial.evidence or 0.0))
+    return {"tried": tried, "most_tried": _MOST_TRIED}
+
+
+def ladder_chart(ladder: LadderRead) -> Chart:
+    """The figure of a ladder."""
     plain: dict[str, Any] = ladder.model_dump()
     steps = [
         {**step, "parameters": {name: value for name, value in step["parameters"].items() if value is not None}}

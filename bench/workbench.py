@@ -1,0 +1,132 @@
+"""What the workbench costs the daemon's loop, and how often its live charts are drawn.
+
+python -m bench.workbench [--seconds 10] [--rounds 2] [--realtime]
+
+Phases alternate: the daemon alone, with a workbench that nobody looks at, and with a browser on its live view. The
+browser is a headless Chromium without a graphics card. `--realtime` (it needs the right to) puts driver and daemon
+before all other work, the workbench and the browser not.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+
+from bench.live import _TWIN, Driver, Peer, _free_port
+from bridges.client import ask
+from tests.workbench.browser import Browser, Tab, chromium
+
+_FRAMES = "Number(document.documentElement.dataset.frames ?? 0)"
+
+
+@contextlib.contextmanager
+def workbench(endpoint: str, folder: Path) -> Iterator[tuple[str, psutil.Process]]:
+    """Its address and process."""
+    environment = {**os.environ, "TWIN_ENDPOINT": endpoint, "TWIN_STATE_DIR": str(folder)}
+    command = [sys.executable, "-c", _TWIN, "workbench", "--port", "0"]
+    with ordinary():
+        process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    try:
+        process.stdout.readline()
+        yield process.stdout.readline().split()[-1], psutil.Process(process.pid)
+    finally:
+        process.terminate()
+        process.communicate(timeout=20)
+
+
+@contextlib.contextmanager
+def ordinary() -> Iterator[None]:
+    """What is started within has no more right to the processor than other work."""
+    policy, priority = os.sched_getscheduler(0), os.sched_getparam(0)
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, policy, priority)
+
+
+class Frames:
+    """How often the charts of a tab are drawn, while the main thread does something else."""
+
+    def __init__(self, tab: Tab) -> None:
+        self._tab = tab
+        self._before = self._count(), time.perf_counter()
+
+    def _count(self) -> int:
+        return int(self._tab.run(_FRAMES))
+
+    def a_second(self) -> float:
+        count, at = self._before
+        return (self._count() - count) / (time.perf_counter() - at)
+
+
+def main() -> None:
+    """Prints one line a phase, and the medians at the end."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=10.0, help="of a phase")
+    parser.add_argument("--rounds", type=int, default=2)
+    parser.add_argument("--realtime", action="store_true", help="driver and daemon before all other work")
+    chosen = parser.parse_args()
+    program = chromium()
+    assert program is not None, "no Chromium on this machine"
+    if chosen.realtime:
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
+    driver, found = Driver(), {}
+    with tempfile.TemporaryDirectory() as name, contextlib.ExitStack() as stack:
+        folder, endpoint = Path(name), f"tcp/127.0.0.1:{_free_port()}"
+        daemon = Peer(_TWIN, endpoint, ["run"], folder / "state")
+        stack.callback(daemon.close)
+        ask(daemon.session, driver.description.key("state"), 20.0)
+
+        def phase(label: str, rate_hz: float, more: dict[str, Any] | None = None) -> dict[str, Any]:
+            result = driver.phase(daemon, rate_hz, chosen.seconds) | (more or {})
+            found.setdefault((label, rate_hz), []).append(result)
+            return result
+
+        for number in range(chosen.rounds):
+            for rate_hz in (125.0, 1000.0):
+                _tell("alone", rate_hz, phase("alone", rate_hz))
+                with workbench(endpoint, folder / "state") as (address, process):
+                    time.sleep(2.0)
+                    begun = sum(process.cpu_times()[:2]), time.perf_counter()
+                    result = phase("nobody looks", rate_hz)
+                    used = (sum(process.cpu_times()[:2]) - begun[0]) / (time.perf_counter() - begun[1])
+                    _tell("nobody looks", rate_hz, result | {"workbench_core_share": used})
+                    with contextlib.ExitStack() as looking:
+                        with ordinary():
+                            profile = folder / f"browser-{number}-{rate_hz:g}"
+                            browser = looking.enter_context(Browser(program, profile))
+                        tab = browser.open(address)
+                        feeding = threading.Thread(target=driver.phase, args=(daemon, rate_hz, 8.0))
+                        feeding.start()
+                        tab.until(f"{_FRAMES} > 20", 60.0)
+                        feeding.join()
+                        frames = Frames(tab)
+                        result = phase("browser", rate_hz)
+                        result["frames_a_second"] = frames.a_second() * (chosen.seconds + 1.0) / chosen.seconds
+                        _tell("browser", rate_hz, result)
+    for (label, rate_hz), results in found.items():
+        medians = {key: float(np.median([one[key] for one in results])) for key in results[0]}
+        _tell(f"median, {label}", rate_hz, medians)
+
+
+def _tell(label: str, rate_hz: float, result: dict[str, Any]) -> None:
+    words = " ".join(f"{k} {v:.3g}" if isinstance(v, float) else f"{k} {v}" for k, v in result.items())
+    print(f"{label:22} {rate_hz:5.0f} Hz  {words}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

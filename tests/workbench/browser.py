@@ -1,0 +1,138 @@
+"""A real headless Chromium, driven over its debugging protocol."""
+
+from __future__ import annotations
+
+import base64
+import itertools
+import json
+import shutil
+import subprocess
+import time
+from pathlib import Path
+from typing import Any
+
+from websockets.sync.client import ClientConnection, connect
+
+_FLAGS = (
+    "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--remote-debugging-port=0",
+    "--remote-allow-origins=*", "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1", "--window-size=1280,900",
+)  # fmt: skip
+_START_S = 30.0
+
+
+def chromium() -> str | None:
+    """The browser of this machine."""
+    return next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+
+
+class Browser:
+    """One browser with a profile of its own; `open` gives tabs. Ends with the block."""
+
+    def __init__(self, program: str, folder: Path) -> None:
+        command = [program, *_FLAGS, f"--user-data-dir={folder}", "about:blank"]
+        self._process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        self._tabs: list[Tab] = []
+        self._port_file = folder / "DevToolsActivePort"
+        self._control: ClientConnection | None = None
+
+    def __enter__(self) -> Browser:
+        deadline_s = time.monotonic() + _START_S
+        lines: list[str] = []
+        while len(lines) < 2:
+            assert time.monotonic() < deadline_s, "the browser did not start"
+            assert self._process.poll() is None, "the browser ended"
+            lines = self._port_file.read_text().splitlines() if self._port_file.exists() else []
+            time.sleep(0.05)
+        self._host = f"ws://127.0.0.1:{lines[0]}"
+        self._control = connect(self._host + lines[1], max_size=None)
+        return self
+
+    def open(self, address: str) -> Tab:
+        assert self._control is not None
+        self._control.send(json.dumps({"id": 1, "method": "Target.createTarget", "params": {"url": "about:blank"}}))
+        while (answer := json.loads(self._control.recv(timeout=_START_S))).get("id") != 1:
+            pass
+        tab = Tab(connect(f"{self._host}/devtools/page/{answer['result']['targetId']}", max_size=None))
+        self._tabs.append(tab)
+        tab.go(address)
+        return tab
+
+    def __exit__(self, *_: object) -> None:
+        for tab in self._tabs:
+            tab.close()
+        if self._control is not None:
+            self._control.close()
+        self._process.terminate()
+        self._process.wait(10)
+
+
+class Tab:
+    """One page: runs expressions in it, waits for them to become true, and keeps what its console said."""
+
+    def __init__(self, socket: ClientConnection) -> None:
+        self.console: list[str] = []
+        self._socket = socket
+        self._numbers = itertools.count(1)
+        for domain in ("Page", "Runtime", "Log"):
+            self.call(f"{domain}.enable")
+        self.call("Emulation.setFocusEmulationEnabled", enabled=True)  # keys reach a tab behind another one
+
+    def call(self, method: str, timeout_s: float = 30.0, **parameters: Any) -> dict[str, Any]:
+        number = next(self._numbers)
+        self._socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
+        deadline_s = time.monotonic() + timeout_s
+        while True:
+            answer = json.loads(self._socket.recv(timeout=max(deadline_s - time.monotonic(), 0.01)))
+            if answer.get("id") == number:
+                assert "error" not in answer, answer["error"]
+                return answer["result"]
+            self._note(answer)
+
+    def _note(self, event: dict[str, Any]) -> None:
+        told = event.get("params", {})
+        if event.get("method") == "Runtime.exceptionThrown":
+            details = told["exceptionDetails"]
+            self.console.append(details.get("exception", {}).get("description") or details["text"])
+        elif event.get("method") == "Runtime.consoleAPICalled" and told["type"] in ("error", "warning", "assert"):
+            self.console.append(" ".join(str(part.get("value", part.get("description"))) for part in told["args"]))
+        elif event.get("method") == "Log.entryAdded" and told["entry"]["level"] in ("error", "warning"):
+            self.console.append(f"{told['entry']['text']} {told['entry'].get('url', '')}")
+
+    def go(self, address: str) -> None:
+        self.call("Page.navigate", url=address)
+
+    def run(self, expression: str) -> Any:
+        """The value of an expression; a promise is waited for."""
+        answer = self.call("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
+        assert "exceptionDetails" not in answer, answer["exceptionDetails"]
+        return answer["result"].get("value")
+
+    def until(self, expression: str, timeout_s: float = 20.0) -> Any:
+        """The first true value of an expression, which may fail while the page is being loaded."""
+        guarded = f"(() => {{ try {{ return {expression} }} catch {{ return null }} }})()"
+        deadline_s = time.monotonic() + timeout_s
+        while not (value := self.run(guarded)):
+            assert time.monotonic() < deadline_s, f"not within {timeout_s:g} s: {expression}\n{self.text()[-3000:]}"
+            time.sleep(0.1)
+        return value
+
+    def text(self) -> str:
+        return str(self.run("document.body ? document.body.innerText : ''"))
+
+    def click(self, selector: str) -> None:
+        """Clicks as soon as there is something to click."""
+        found = f"document.querySelector({json.dumps(selector)})"
+        self.until(f"{found} && !{found}.disabled")
+        self.run(f"{found}.click()")
+
+    def key(self, key: str) -> None:
+        for kind in ("keyDown", "keyUp"):
+            text = {"text": key} if kind == "keyDown" and len(key) == 1 else {}
+            self.call("Input.dispatchKeyEvent", type=kind, key=key, **text)
+
+    def picture(self, path: Path) -> None:
+        path.write_bytes(base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"]))
+
+    def close(self) -> None:
+        self._socket.close()

@@ -1,0 +1,156 @@
+"""The page in a real browser: from the live hand to a promoted effect, and names that are not to be trusted."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.processes.conftest import Twin
+from tests.simulation.made import FINGER, recorded, saved
+from tests.workbench.browser import Browser, Tab
+from twin_daemon.hand import load_hand
+from twin_daemon.simulation.terms import Terms
+from twin_daemon.simulation.twin import TwinModel
+from twin_daemon.versions import Draft, VersionStore
+
+NASTY = "<img src=x onerror=document.title='run'>"
+
+
+@pytest.fixture(scope="session")
+def worn(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One finger whose base joint is damped four times as much as the model says."""
+    twin = TwinModel.load(load_hand())
+    damping = 4.0 * twin.parameter("rh_FFJ3.damping").read(twin.model)
+    recording = recorded(twin.changed(Terms(parameters={"rh_FFJ3.damping": damping})), FINGER, np.random.default_rng(8))
+    return saved(recording, tmp_path_factory.mktemp("bags") / "worn finger.mcap")
+
+
+def choose(tab: Tab, select: str, text: str) -> None:
+    """Chooses the option whose text begins so, as soon as it is there."""
+    option = f"[...document.getElementById('{select}').options].find((one) => one.text.startsWith({json.dumps(text)}))"
+    tab.until(f"Boolean({option})")
+    tab.run(
+        f"(() => {{ const select = document.getElementById('{select}'); select.value = {option}.value;"
+        " select.dispatchEvent(new Event('change')); })()"
+    )
+
+
+def picture(tab: Tab, name: str) -> None:
+    """Renews a picture of docs/workbench.md where TWIN_PICTURES names the folder for it."""
+    if folder := os.environ.get("TWIN_PICTURES"):
+        tab.picture(Path(folder) / f"workbench-{name}.png")
+
+
+def mark(name: str) -> str:
+    """What the page says of its own progress."""
+    return f"document.documentElement.dataset.{name}"
+
+
+def shown(element: str) -> str:
+    return f"document.getElementById('{element}').innerText"
+
+
+def test_the_story(workbench: Any, processes: Twin, browser: Browser, worn: Path) -> None:
+    daemon = processes.start("run")
+    processes.start("hand", "--trajectory", "rich_finger")
+    served = workbench("--recording", str(worn))
+    tab, viewer = browser.open(served.page), browser.open(served.address + "/")
+
+    tab.until(f"{shown('presence')} === 'following'", 60.0)
+    tab.until(f"Number({mark('frames')}) > 20")
+    before = tab.run("document.querySelector('#strips canvas').toDataURL()")
+    tab.until(f"document.querySelector('#strips canvas').toDataURL() !== {json.dumps(before)}")
+    rows = "[...document.querySelectorAll('#joints tr')].map((row) => [...row.children].map((one) => one.textContent))"
+    first = {row[0]: row[1] for row in tab.run(rows)}
+    assert len(first) == 24
+    tab.until(f"{rows}.some(([name, value]) => ({json.dumps(first)})[name] !== value)")
+
+    tab.key("s")
+    tab.until(f"{shown('space-words')}.includes('mrad')")
+    picture(tab, "live")
+    before = tab.run("document.getElementById('space').toDataURL()")
+    tab.run("document.getElementById('space').focus()")
+    tab.key("ArrowLeft")
+    tab.until(f"document.getElementById('space').toDataURL() !== {json.dumps(before)}")
+
+    tab.key("2")
+    choose(tab, "recording", "worn finger.mcap")
+    tab.until(mark("compared"), 60.0)
+    assert "every sample" in tab.run(shown("reduced")).lower()
+    tab.until(mark("judged"), 60.0)
+    assert tab.run("document.querySelector('#errors th').textContent") == "rh_FFJ3"
+    assert tab.run("document.querySelectorAll('#compared .js-plotly-plot').length") == 5  # 3 joints, heat map, state
+    tab.run("document.getElementById('joined').focus()")
+    tab.key("+")
+    tab.until("document.querySelector('#joined .plot').layout.xaxis.range[0] > 1")
+    tab.click("#worst button")
+    tab.until(f"{shown('cursor-at')}.endsWith(' s')")
+
+    tab.key("3")
+    choose(tab, "learn-recording", "worn finger.mcap")
+    tab.run("document.getElementById('learn-joints').value = 'rh_FFJ3'")
+    tab.click("#diagnose")
+    tab.until(f"{shown('job-lines')}.includes('nats')", 200.0)
+    viewer.until(f"{mark('job')} && {mark('job')}.startsWith('diagnose')")
+    tab.until(f"{mark('job')} === 'diagnose done'", 200.0)
+    tab.run("document.getElementById('view-learn').scrollIntoView()")
+    picture(tab, "diagnosis")
+    said = tab.run(shown("diagnosis"))
+    assert "Explained" in said
+    assert "viscous_friction at rh_FFJ3" in said
+    tab.click("#findings button")
+    version = tab.until(mark("added"), 200.0)
+    start, end = tab.until("document.querySelector('#added .js-plotly-plot').data[1].y")  # on held-out motion
+    assert end < 0.01 * start
+    tab.run("document.getElementById('added').scrollIntoView()")
+    picture(tab, "added")
+    tab.click("#added button")
+    tab.until(f"{shown('said')}.includes('in use now')")
+
+    viewer.until(f"{shown('about')}.includes('{version[:12]}')", 30.0)  # the daemon has taken it up
+    tab.call("Page.reload")
+    tab.until(mark("ready"))
+    tab.key("4")
+    tab.until(f"document.querySelector('#versions tr.current').innerText.includes('{version[:12]}')")
+    assert "viscous_friction at rh_FFJ3" in tab.run("document.querySelector('#versions tr.current').innerText")
+    assert viewer.run("[...document.querySelectorAll('#keep, #diagnose, #ladder, #add')].every((one) => one.disabled)")
+    processes.end(daemon)
+    viewer.until(f"{shown('presence')} === 'away'")
+    assert "goes on by itself" in viewer.run(shown("words"))
+    assert tab.console == viewer.console == []
+
+
+def test_names_are_text_and_errors_are_said(
+    workbench: Any, browser: Browser, worn: Path, tmp_path: Path, state_dir: Path
+) -> None:
+    (tmp_path / f"{NASTY}.mcap").write_bytes(worn.read_bytes())
+    (tmp_path / "broken.mcap").write_bytes(worn.read_bytes()[:3000])
+    hand = load_hand()
+    twin = TwinModel.load(hand)
+    draft = Draft(hand=hand.name, kind="calibrated", title=NASTY, terms=Terms().as_json(), note=NASTY)
+    VersionStore(hand.name).add(draft, twin.mjcf(), alias="candidate")
+    served = workbench("--recording", str(tmp_path / f"{NASTY}.mcap"), str(tmp_path / "broken.mcap"))
+    tab = browser.open(served.page)
+    tab.until(f"{shown('presence')} === 'unreachable'")
+    assert "twin run" in tab.run(shown("words"))
+    tab.until(mark("ready"))
+    tab.key("2")
+    choose(tab, "recording", NASTY)
+    tab.until(f"{shown('opened')}.startsWith({json.dumps(NASTY)})", 60.0)
+    tab.until(mark("judged"), 60.0)
+    tab.key("4")
+    tab.until(f"document.getElementById('versions').innerText.includes({json.dumps(NASTY)})")
+    assert tab.run("document.images.length") == 0
+    assert tab.run("document.title") != "run"
+
+    tab.key("2")
+    choose(tab, "recording", "broken.mcap")
+    tab.until(f"{shown('said')}.includes('broken.mcap')")
+    tab.click("#said button")
+    # a refused request is in the browser's console by the browser's own doing; nothing else is
+    assert all("400" in line for line in tab.console), tab.console

@@ -1,0 +1,109 @@
+"""`twin workbench`: the page on which people see hand and twin, and work on what the model lacks."""
+
+from __future__ import annotations
+
+import logging
+import socket
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from twin_daemon.cli import options
+from twin_daemon.cli.console import people, plain_text
+from twin_daemon.cli.run import Endpoint, Namespace, load_named, named_hand
+from twin_daemon.cli.session import silence_mujoco
+from twin_daemon.errors import BadInput
+
+PORT = 8460
+
+Port = Annotated[
+    int, typer.Option("--port", metavar="N", min=0, max=65535, help="Where the page is served; 0: any free port.")
+]
+Bind = Annotated[
+    str, typer.Option("--bind", metavar="ADDRESS", help="Address to listen at; others than loopback are reachable.")
+]
+Names = Annotated[
+    list[str] | None,
+    typer.Option("--name", metavar="HOST...", help="Further names under which browsers may ask this server."),
+]
+Folders = Annotated[
+    list[Path] | None,
+    typer.Option("--folder", metavar="FOLDER...", help="Folders of recordings to offer; default: the state folder's."),
+]
+
+
+def command(
+    port: Port = PORT,
+    bind: Bind = "127.0.0.1",
+    name: Names = None,
+    recording: options.OptionalRecordings = None,
+    folder: Folders = None,
+    trajectory: options.TrajectoryRef = None,
+    joint_map: options.JointMap = None,
+    hand: options.HandName = None,
+    model: options.Model = None,
+    namespace: Namespace = None,
+    endpoint: Endpoint = None,
+    seconds: options.Seconds = None,
+) -> int:
+    """Serve the workbench: live hand and twin, recordings against versions, diagnosis, ladder, history.
+
+    It reads only, until the page is opened with the token of the address that is printed at the start.
+    """
+    from bridges.session import choose_endpoint
+    from bridges.stop import on_termination
+    from twin_daemon.resources import state_dir
+    from twin_daemon.versions import VersionStore
+    from workbench.allowance import LOOPBACK, new_token
+    from workbench.app import build
+    from workbench.compare import Compare
+    from workbench.history import History
+    from workbench.jobs import Jobs
+    from workbench.learn import Learn
+    from workbench.library import Library
+    from workbench.live import Live
+    from workbench.server import listen, serve
+    from workbench.shelf import Shelf
+    from workbench.skeleton import Skeleton
+
+    logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(levelname)s %(message)s")
+    chosen = load_named(hand, model, namespace)
+    live = Live(chosen.description, choose_endpoint(endpoint))
+    silence_mujoco()
+    library = Library(existing(recording), existing(folder) or [state_dir() / "recordings"])
+    shelf = Shelf(chosen, VersionStore(chosen.name), trajectory, joint_map)
+    listener = listen(bind, port)
+    token = new_token()
+    shown = f"[{bind}]" if ":" in bind else bind
+    hosts = {*LOOPBACK, shown, socket.gethostname(), *(name or [])}
+    for path in recording or []:
+        shelf.warm(path.absolute())
+    compare = Compare(library, shelf)
+    jobs = Jobs(named_hand(hand, model))
+    options_of_data = [*(["--trajectory", trajectory] if trajectory else [])]
+    options_of_data += ["--joint-map", str(joint_map.absolute())] if joint_map else []
+    learn = Learn(library, shelf, jobs, options_of_data)
+    routes = [*compare.routes, *learn.routes, *History(shelf.store).routes]
+    app = build(chosen, live, Skeleton(shelf.nominal), token, hosts, routes, [jobs.close, shelf.close])
+    name_shown = socket.gethostname() if bind in ("0.0.0.0", "::") else shown
+    address = f"http://{name_shown}:{listener.getsockname()[1]}/"
+
+    def ready() -> None:
+        console = people()
+        console.print(f"The workbench of {plain_text(chosen.description.namespace)}:", soft_wrap=True)
+        console.print(f"  to look:  {plain_text(address)}", soft_wrap=True)
+        console.print(f"  to work:  {plain_text(address)}#token={token}", soft_wrap=True)
+        console.file.flush()
+
+    with on_termination():
+        serve(app, listener, seconds, ready)
+    return 0
+
+
+def existing(paths: list[Path] | None) -> list[Path]:
+    """The paths, all of which have to be there. Raises BadInput."""
+    for path in paths or []:
+        if not path.exists():
+            raise BadInput("no such file or folder", where=path, todo="Name what is there")
+    return list(paths or [])

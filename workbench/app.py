@@ -1,0 +1,154 @@
+"""The server: the page, its files, the live stream, and what the page can ask for."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+from collections.abc import AsyncIterator, Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import plotly
+import plotly.offline
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, JSONResponse, Response
+from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+
+from twin_daemon.errors import BadInput, NoAnswer, Refused, TwinError, UsageError
+from twin_daemon.figures.style import DARK
+from twin_daemon.hand import Hand
+from twin_daemon.jsonable import plain
+from twin_daemon.report.chart import in_script
+from twin_daemon.report.page import style
+from workbench.allowance import Allowance
+from workbench.live import Live
+from workbench.skeleton import Skeleton
+from workbench.stream import stream_of
+
+log = logging.getLogger(__name__)
+
+_HERE = Path(__file__).parent
+_MOST_BYTES = 64 * 1024
+_STATUS: dict[type[TwinError], int] = {UsageError: 400, BadInput: 400, Refused: 409, NoAnswer: 503}
+_STOP = "/api/stop"
+
+Answer = Callable[[dict[str, Any]], Any]
+Ending = Callable[[], None]
+
+
+def build(
+    hand: Hand,
+    live: Live,
+    skeleton: Skeleton,
+    token: str,
+    hosts: Iterable[str],
+    more: Iterable[BaseRoute] = (),
+    at_end: Iterable[Ending] = (),
+) -> Starlette:
+    """The application. `more` are further routes, `at_end` is called when the server stops."""
+
+    @contextlib.asynccontextmanager
+    async def lifespan(_app: Starlette) -> AsyncIterator[None]:
+        live.start()
+        try:
+            yield
+        finally:
+            for end in (*at_end, live.close):
+                await run_in_threadpool(end)
+
+    page = _page(hand, skeleton)
+    plotly_js = plotly.offline.get_plotlyjs()
+
+    async def index(_request: Request) -> Response:
+        return HTMLResponse(page)
+
+    async def plotly_file(_request: Request) -> Response:
+        forever = {"Cache-Control": "private, max-age=31536000, immutable"}  # its name holds its version
+        return Response(plotly_js, media_type="text/javascript", headers=forever)
+
+    async def style_file(_request: Request) -> Response:
+        return Response(style(), media_type="text/css")
+
+    routes: list[BaseRoute] = [
+        Route("/", index),
+        Route(f"/plotly-{plotly.__version__}.js", plotly_file),
+        Route("/report.css", style_file),
+        WebSocketRoute("/live", stream_of(live, skeleton)),
+        posting("/api/keep", lambda _: live.keep()),
+        posting(_STOP, lambda body: live.stop_hand(str(body.get("reason", "from the workbench"))[:400])),
+        *more,
+        Mount("/static", StaticFiles(directory=_HERE / "static")),
+    ]
+    return Starlette(
+        routes=routes,
+        lifespan=lifespan,
+        middleware=[Middleware(Allowance, token=token, hosts=tuple(hosts), free=(_STOP,))],
+        exception_handlers={TwinError: _said, HTTPException: _said, Exception: _said},
+    )
+
+
+def posting(path: str, answer: Answer) -> Route:
+    """A route that changes something: it gets the JSON object of the request, and works beside the server's loop."""
+
+    async def end_point(request: Request) -> Response:
+        body = await _body(request)
+        return JSONResponse(plain(await run_in_threadpool(answer, body)))
+
+    return Route(path, end_point, methods=["POST"])
+
+
+def reading(path: str, answer: Callable[[Request], Any]) -> Route:
+    """A route that only looks. What `answer` returns is sent as JSON, a Response as it is."""
+
+    async def end_point(request: Request) -> Response:
+        found = await run_in_threadpool(answer, request)
+        return found if isinstance(found, Response) else JSONResponse(plain(found))
+
+    return Route(path, end_point, methods=["GET"])
+
+
+async def _body(request: Request) -> dict[str, Any]:
+    content = b""
+    async for part in request.stream():
+        content += part
+        if len(content) > _MOST_BYTES:
+            raise BadInput(f"the request is larger than {_MOST_BYTES} bytes")
+    try:
+        value = json.loads(content or b"{}")
+    except (ValueError, RecursionError):
+        value = None
+    if not isinstance(value, dict):
+        raise BadInput("the request is no JSON object")
+    return value
+
+
+def _said(_request: Request, error: Exception) -> Response:
+    """Every failure as one line that the page shows."""
+    if isinstance(error, TwinError):
+        status = next((code for kind, code in _STATUS.items() if isinstance(error, kind)), 500)
+        return JSONResponse({"error": error.line()}, status)
+    if isinstance(error, HTTPException):
+        return JSONResponse({"error": f"{error.detail}."}, error.status_code)
+    log.error("a request failed: %r", error)
+    what = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+    return JSONResponse({"error": f"A bug in twin_daemon stopped this request ({what})."}, 500)
+
+
+def _page(hand: Hand, skeleton: Skeleton) -> str:
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(_HERE / "templates"), autoescape=True, undefined=jinja2.StrictUndefined
+    )
+    description = hand.description
+    return environment.get_template("workbench.html.j2").render(
+        hand=description.name,
+        namespace=description.namespace,
+        plotly_version=plotly.__version__,
+        facts=in_script(plain({"joints": list(description.joints), "bones": skeleton.bones, "dark": DARK})),
+    )

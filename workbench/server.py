@@ -1,0 +1,66 @@
+"""Runs the application on a socket until it is asked to stop."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections.abc import Callable
+
+import uvicorn
+from starlette.applications import Starlette
+
+from twin_daemon.errors import BadInput
+
+_GRACE_S = 3  # for answers that are on their way when the server stops
+
+
+def listen(address: str, port: int) -> socket.socket:
+    """A listening socket; port 0 is any free one. Raises BadInput where it cannot be had."""
+    family = socket.AF_INET6 if ":" in address else socket.AF_INET
+    try:
+        return socket.create_server((address, port), family=family)
+    except OSError as error:
+        raise BadInput(
+            f"cannot listen ({error.strerror or error})",
+            where=f"{address}:{port}",
+            todo="Choose another --port or --bind",
+        ) from None
+
+
+def serve(app: Starlette, listener: socket.socket, seconds: float | None, ready: Callable[[], None]) -> None:
+    """Serves until SIGTERM, SIGINT, or so many seconds have passed. `ready` is called when requests are answered."""
+    config = uvicorn.Config(
+        app,
+        log_level="warning",
+        access_log=False,
+        ws="websockets-sansio",
+        ws_max_size=4096,  # the page says nothing on its stream
+        timeout_graceful_shutdown=_GRACE_S,
+        server_header=False,
+        lifespan="on",
+    )
+    server = _Server(config, ready)
+    timer = threading.Timer(seconds, server.end) if seconds is not None else None
+    if timer is not None:
+        timer.daemon = True
+        timer.start()
+    try:
+        server.run(sockets=[listener])
+    finally:
+        if timer is not None:
+            timer.cancel()
+        listener.close()
+
+
+class _Server(uvicorn.Server):
+    def __init__(self, config: uvicorn.Config, ready: Callable[[], None]) -> None:
+        super().__init__(config)
+        self._ready = ready
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        if self.started:
+            self._ready()
+
+    def end(self) -> None:
+        self.should_exit = True

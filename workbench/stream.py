@@ -1,0 +1,72 @@
+"""The live stream of one browser: what is new, twenty times a second."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import numpy as np
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from workbench.live import Live
+from workbench.numbers import listed
+from workbench.skeleton import Skeleton
+from workbench.window import Piece
+
+FRAMES_A_SECOND = 20
+_ABOUT_EVERY = 10  # frames
+
+
+def stream_of(live: Live, skeleton: Skeleton) -> Callable[[WebSocket], Awaitable[None]]:
+    """The end point of a websocket that sends frames until either side goes.
+
+    A browser that reads slowly gets fewer frames, each with all that was new; nothing piles up here. With
+    `?space=1` each frame has the points of both hands as well.
+    """
+
+    async def stream(socket: WebSocket) -> None:
+        await socket.accept()
+        left = asyncio.ensure_future(_until_it_leaves(socket))
+        loop = asyncio.get_running_loop()
+        cursor, number, due_s = 0, 0, loop.time()
+        space = socket.query_params.get("space") == "1"
+        try:
+            while not left.done():
+                piece = live.window.after(cursor)
+                frame = _frame(piece)
+                if space and len(piece.time_s):
+                    hands = (skeleton.points(row[-1].astype(float)) for row in (piece.measured, piece.predicted))
+                    frame["hands"] = [listed(points, 4) for points in hands]
+                cursor = piece.cursor
+                if number % _ABOUT_EVERY == 0:
+                    frame |= {"about": live.about(), "rms": listed(live.window.rms_rad(), 6)}
+                number += 1
+                await socket.send_text(json.dumps(frame, allow_nan=False, separators=(",", ":")))
+                due_s = max(due_s + 1.0 / FRAMES_A_SECOND, loop.time())
+                await asyncio.wait([left], timeout=due_s - loop.time())
+        except (WebSocketDisconnect, RuntimeError):  # it left while something was sent
+            pass
+        finally:
+            left.cancel()
+
+    return stream
+
+
+async def _until_it_leaves(socket: WebSocket) -> None:
+    """Reads and forgets: the page says nothing on this channel."""
+    while (await socket.receive())["type"] != "websocket.disconnect":
+        pass
+
+
+def _frame(piece: Piece) -> dict[str, Any]:
+    if not len(piece.time_s):
+        return {"fresh": True} if piece.fresh and piece.cursor == 0 else {}
+    return {
+        "fresh": piece.fresh,
+        "base_ns": str(piece.base_ns),  # more digits than a number of the page holds
+        "t": np.round(piece.time_s, 4).tolist(),
+        "measured": listed(piece.measured.T, 5),
+        "predicted": listed(piece.predicted.T, 5),
+    }
