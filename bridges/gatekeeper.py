@@ -106,6 +106,7 @@ class Gatekeeper:
         self._guard = Guard(log)
         self._spent_s = {what: deque[float](maxlen=2000) for what in ("turn", "request")}
         self._outlet = Outlet(session, description)
+        self._turned_s = time.monotonic()
         self._stop, self._wake = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._turns, name="twin-gate", daemon=True)
         self._thread.start()
@@ -119,6 +120,10 @@ class Gatekeeper:
         """The gate's state, as `command/status` tells it to anybody."""
         cost_s = {f"{what}_{name}_s": value for what, spent in self._spent_s.items() for name, value in _told(spent)}
         return {"schema": 1, **self.gate.status(time.monotonic()), "errors": self._guard.errors, "cost": cost_s}
+
+    def turns(self, within_s: float) -> bool:
+        """Whether the gate's thread has come round in the last `within_s`; one that hangs or has ended does not."""
+        return time.monotonic() - self._turned_s < within_s
 
     def close(self) -> None:
         """Ends what is under way, lets it come to rest, and withdraws."""
@@ -194,6 +199,7 @@ class Gatekeeper:
             time.sleep(max(next_s - time.monotonic(), 0.0))
 
     def _turn(self, now_s: float) -> None:
+        self._turned_s = now_s
         began_s = time.thread_time()
         try:
             command = self.gate.turn(now_s, time.time_ns())

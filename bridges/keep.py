@@ -40,10 +40,14 @@ class Keeper:
         self._ring = ring
         self._description = description
         self._folder = folder
-        self._quota_bytes = settings.recordings_quota_mib * _MIB
-        self._rotate = settings.recordings_rotate
+        self.retune(settings)
         self._writing = threading.Lock()
         self._question: Any = None
+
+    def retune(self, settings: DaemonSettings) -> None:
+        """The bounds of the folder from now on."""
+        self._quota_bytes = settings.recordings_quota_mib * _MIB
+        self._rotate = settings.recordings_rotate
 
     def open(self, session: zenoh.Session) -> None:
         """Makes the question available. Opened before the bridge: its liveliness token says that all is there."""

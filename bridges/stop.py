@@ -44,6 +44,25 @@ class StopSignal:
         os.close(self._write)
 
 
+class Hangup:
+    """Whether SIGHUP came since it was last asked. Where it is not wanted, the signal keeps its usual meaning."""
+
+    def __init__(self, wanted: bool) -> None:
+        self._came = False
+        self._before = signal.signal(signal.SIGHUP, self._handle) if wanted else None
+
+    def _handle(self, _number: int, _frame: FrameType | None) -> None:
+        self._came = True
+
+    def came(self) -> bool:
+        came, self._came = self._came, False
+        return came
+
+    def close(self) -> None:
+        if self._before is not None:
+            signal.signal(signal.SIGHUP, self._before)
+
+
 class on_termination:
     """Gives a StopSignal that SIGTERM and SIGINT set; the handlers from before are back afterwards."""
 

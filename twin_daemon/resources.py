@@ -26,6 +26,11 @@ def trajectories_dir() -> Path:
     return _data_dir("trajectories")
 
 
+def systemd_dir() -> Path:
+    """Folder of the units, and of the configuration that comes with them."""
+    return _data_dir("systemd")
+
+
 def state_dir() -> Path:
     """Folder of versions, recordings and the audit log; created by whoever writes first.
 

@@ -14,6 +14,7 @@ from rclpy.utilities import try_shutdown
 
 from bridges.ros2.node import TwinBridge
 from bridges.stop import Stoppable
+from twin_daemon.daemon.notify import Notifier
 from twin_daemon.errors import BadInput, UsageError
 
 log = logging.getLogger("twin.bridge")
@@ -44,9 +45,12 @@ def run(given: dict[str, str], ros_args: list[str], stop: Stoppable, seconds: fl
             node.settings.endpoint,
             node.get_fully_qualified_name(),
         )
+        notifier = Notifier()
+        notifier.say("READY=1")
         try:
-            _spin(executor, node, stop, seconds)
+            _spin(executor, node, stop, seconds, notifier)
         finally:
+            notifier.say("STOPPING=1")
             _let_go(executor, node)
             node.close()
         return node.counts()
@@ -54,9 +58,12 @@ def run(given: dict[str, str], ros_args: list[str], stop: Stoppable, seconds: fl
         try_shutdown()
 
 
-def _spin(executor: SingleThreadedExecutor, node: TwinBridge, stop: Stoppable, seconds: float | None) -> None:
+def _spin(
+    executor: SingleThreadedExecutor, node: TwinBridge, stop: Stoppable, seconds: float | None, notifier: Notifier
+) -> None:
     end_s = None if seconds is None else time.monotonic() + seconds
     while not stop.is_set() and (end_s is None or time.monotonic() < end_s):
+        notifier.alive()
         try:
             executor.spin_once(timeout_sec=_TURN_S)
         except ExternalShutdownException:

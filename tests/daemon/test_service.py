@@ -13,7 +13,7 @@ import pytest
 from twin_daemon.daemon.messages import JointSample
 from twin_daemon.daemon.residual import Residual
 from twin_daemon.daemon.service import TwinService
-from twin_daemon.daemon.settings import load_config
+from twin_daemon.daemon.configuration import load_config
 from twin_daemon.errors import BadInput
 from twin_daemon.simulation.twin import TwinModel
 
@@ -247,11 +247,11 @@ def test_a_wrong_configuration_names_the_key(tmp_path: Path, text: str, named: s
     path = tmp_path / "twin.yaml"
     path.write_text(text)
     with pytest.raises(BadInput, match=named) as caught:
-        load_config(path)
+        load_config(path, {})
     assert "\n" not in str(caught.value)
 
 
 def test_paths_in_a_configuration_are_relative_to_it(tmp_path: Path) -> None:
     path = tmp_path / "twin.yaml"
     path.write_text("model: arm.xml\nendpoint: tcp/127.0.0.1:7000\n")
-    assert load_config(path).model == tmp_path / "arm.xml"
+    assert load_config(path, {}).config.model == tmp_path / "arm.xml"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from twin_daemon.daemon.settings import load_config
+from twin_daemon.daemon.configuration import load_config
 
 SYSTEMD = Path(__file__).resolve().parents[2] / "systemd"
 UNIT = SYSTEMD / "twin-daemon.service"
@@ -41,4 +41,4 @@ def test_the_unit_keeps_its_protections() -> None:
 
 
 def test_the_configuration_that_comes_with_it_is_valid() -> None:
-    assert load_config(SYSTEMD / "twin.yaml").hand == "shadow_hand"
+    assert load_config(SYSTEMD / "twin.yaml", {}).config.hand == "shadow_hand"

@@ -5,10 +5,12 @@ from __future__ import annotations
 import contextlib
 import gc
 import logging
+import os
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
     from bridges.recalibrator import Recalibrator
     from twin_daemon.daemon.promotions import Promotions
     from twin_daemon.daemon.service import TwinService
+    from twin_daemon.daemon.settings import DaemonSettings
     from twin_daemon.hand import Hand
 
 log = logging.getLogger("twin")
@@ -36,6 +39,7 @@ Namespace = Annotated[
     str | None, typer.Option("--namespace", metavar="NS", help="First part of the keys; default the hand's name.")
 ]
 _POLL_S = 1.0
+_GATE_S = 1.5  # its thread comes round twice a second where nothing moves
 AUDIT = "audit.jsonl"
 
 
@@ -57,19 +61,20 @@ def command(
     from bridges.ring import Ring
     from bridges.ros_keys import RosKeys
     from bridges.session import choose_endpoint, open_daemon, someone_serves
-    from bridges.stop import on_termination
+    from bridges.stop import Hangup, on_termination
     from bridges.zenoh_bridge import ZenohBridge
+    from twin_daemon.cli.reload import Reloader
+    from twin_daemon.daemon.configuration import load_config
     from twin_daemon.daemon.models import ModelSource
     from twin_daemon.daemon.notify import Notifier
     from twin_daemon.daemon.promotions import Promotions
     from twin_daemon.daemon.service import TwinService
-    from twin_daemon.daemon.settings import TwinConfig, load_config
     from twin_daemon.gate.audit import AuditLog
     from twin_daemon.gate.gate import Gate
     from twin_daemon.gate.identity import ensure_keyring, keys_file
 
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
-    settings = load_config(config) if config is not None else TwinConfig()
+    settings = load_config(config, os.environ).config
     hand, model = hand or settings.hand, model or settings.model
     chosen = load_named(hand, model, namespace or settings.namespace)
     address = choose_endpoint(endpoint or settings.endpoint)
@@ -111,6 +116,7 @@ def command(
             "diagnosis": diagnoser.latest,
             "recalibration": recalibrator.status,
         }
+        gatekeeper = None
         if gate is not None:
             audit = AuditLog(folder / AUDIT)
             stack.callback(audit.close)
@@ -126,12 +132,28 @@ def command(
             metrics = MetricsServer(settings.daemon.metrics_port, service, bridge.health)
             stack.callback(metrics.close)
         notifier = Notifier()
+        hangup = Hangup(config is not None and not sys.stdin.isatty())
+        stack.callback(hangup.close)
+
+        def retune(changed: DaemonSettings) -> None:
+            service.retune(changed)
+            keeper.retune(changed)
+
+        def tend() -> None:
+            if gatekeeper is None or gatekeeper.turns(within_s=_GATE_S):
+                notifier.alive()
+            if reloader is not None and hangup.came():
+                notifier.reloading()
+                reloader.reload()
+                notifier.say("READY=1")
+
+        reloader = None if config is None else Reloader(config, settings, retune)
         where = f"listens at {address}" if how == "listens" else f"joined the router at {address}"
         log.info("the twin of %s %s, version %s", service.namespace, where, info["id"])
         gc.collect()
         gc.freeze()  # what is here stays: the collector need not walk through it while samples wait
         notifier.say("READY=1")
-        bridge.run(stop, seconds, each_turn=_chores(service, promotions, notifier, diagnoser, recalibrator))
+        bridge.run(stop, seconds, each_turn=_chores(service, promotions, tend, diagnoser, recalibrator))
         notifier.say("STOPPING=1")
     accepted = service.health()["joint_states"]["accepted"]
     log.info("the twin of %s has stopped; it followed %d joint states", service.namespace, accepted)
@@ -159,16 +181,20 @@ def _named_hand(hand: str | None, model: Path | None) -> list[str]:
 
 
 def _chores(
-    service: TwinService, promotions: Promotions, notifier: Any, diagnoser: Diagnoser, recalibrator: Recalibrator
+    service: TwinService,
+    promotions: Promotions,
+    tend: Callable[[], None],
+    diagnoser: Diagnoser,
+    recalibrator: Recalibrator,
 ) -> Callable[[], None]:
-    """What the loop does between messages: feed the watchdog, take up a promoted version, a diagnosis, a schedule."""
+    """What the loop does between messages: `tend` at every turn, take up a promoted version, a diagnosis, a schedule."""
     from bridges.recalibrator import live
 
     next_poll_s = time.monotonic() + _POLL_S
 
     def chores() -> None:
         nonlocal next_poll_s
-        notifier.alive()
+        tend()
         found = promotions.take()
         if found is not None:
             before = live(service)

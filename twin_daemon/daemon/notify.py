@@ -28,6 +28,10 @@ class Notifier:
         except OSError:
             return
 
+    def reloading(self) -> None:
+        """Says that the configuration is being read again; READY=1 says that it has been."""
+        self.say(f"RELOADING=1\nMONOTONIC_USEC={time.monotonic_ns() // 1000}")
+
     def alive(self) -> None:
         """Feeds the watchdog, twice in its period. To be called from the loop that must not hang."""
         if self._period_s is not None and time.monotonic() >= self._next_s:

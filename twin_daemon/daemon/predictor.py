@@ -49,9 +49,8 @@ class Predictor:
         self.steps = 0
         self.anchored_ns: int | None = None
         self.anchor_reason: str | None = None
-        self._horizon_ns = int(horizon_s * 1e9)
         self._step_ns = max(1, round(twin.model.opt.timestep * 1e9))
-        self._max_steps = max(1, int(max_catch_up_s * 1e9) // self._step_ns)
+        self.retime(horizon_s, max_catch_up_s)
         self._data = mujoco.MjData(twin.model)
         self._qpos, self._qvel = self._data.qpos, self._data.qvel
         self._warnings = [self._data.warning[kind] for kind in _WARNINGS]
@@ -62,6 +61,11 @@ class Predictor:
         self._pending: list[tuple[int, np.ndarray, np.ndarray]] = []
         self._layouts: dict[tuple[str, ...], tuple[np.ndarray, np.ndarray]] = {}
         self._hold_map, self._held = twin.command_map(twin.joints)
+
+    def retime(self, horizon_s: float, max_catch_up_s: float) -> None:
+        """How long it runs free, and what it catches up with, from now on."""
+        self._horizon_ns = int(horizon_s * 1e9)
+        self._max_steps = max(1, int(max_catch_up_s * 1e9) // self._step_ns)
 
     @property
     def state(self) -> State:

@@ -202,6 +202,12 @@ class TwinService:
                 self.gate.use(twin)
             self.tell("version", f"version {version['id']} replaces {before}")
 
+    def retune(self, settings: DaemonSettings) -> None:
+        """Goes on with other settings, as far as they can change under way: those of the keys marked live."""
+        with self._lock:
+            self.settings = settings
+            self.predictor.retime(settings.horizon_s, settings.max_catch_up_s)
+
     def _load(self, twin: TwinModel, version: dict[str, Any], before: Predictor | None = None) -> None:
         predictor = Predictor(twin, self.settings.horizon_s, self.settings.max_catch_up_s)
         if before is not None:

@@ -13,6 +13,7 @@ from twin_daemon.fitting.effect_knobs import knobs_of_effects, named_value_knobs
 from twin_daemon.fitting.knobs import Knob, anchored
 from twin_daemon.simulation.parameters import KINDS, ParameterKind
 from twin_daemon.simulation.twin import TwinModel
+from twin_daemon.yaml_files import load_yaml
 
 _FOLDER = Path(__file__).parent / "data"
 _ZERO_START = 20.0  # a parameter that is 0 in the model starts this factor above its lower bound
@@ -59,7 +60,7 @@ def load_space(space: str) -> Space:
     if not path.is_file():
         raise BadInput(f"no space '{space}'", todo=nearest(space, space_names()) + ", or give a YAML file")
     try:
-        return Space.model_validate(yaml.safe_load(path.read_text()))
+        return Space.model_validate(load_yaml(path.read_text()))
     except (UnicodeDecodeError, yaml.YAMLError) as error:
         raise BadInput(f"not readable as YAML: {error}", where=path) from None
     except ValidationError as error:

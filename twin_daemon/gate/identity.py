@@ -110,7 +110,7 @@ def _code(identity: Identity, verb: str, payload: bytes) -> str:
 def load_keyring(path: Path) -> Keyring:
     """The identities of a file. Raises BadInput; the message never quotes the file."""
     try:
-        if path.stat().st_mode & 0o077:
+        if path.stat().st_mode & _seen_by_others(path):
             raise BadInput("others can read these keys", where=path, todo=f"chmod 600 {path}")
         read = _Identities.model_validate_json(path.read_bytes())
     except OSError as error:
@@ -125,6 +125,12 @@ def load_keyring(path: Path) -> Keyring:
             allowed='{"schema": 1, "identities": {NAME: {"role": operator, viewer or hand, "key": 64 hex digits}}}',
         ) from None
     return Keyring(read.identities)
+
+
+def _seen_by_others(path: Path) -> int:
+    """The bits that a key file must not have. systemd's credentials show the service's own access as the group's."""
+    folder = os.environ.get("CREDENTIALS_DIRECTORY")
+    return 0o007 if folder and path.parent == Path(folder) else 0o077
 
 
 def ensure_keyring(path: Path) -> Keyring:

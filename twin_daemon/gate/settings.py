@@ -12,10 +12,10 @@ class CommandLimit(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    lower_rad: float | None = None
-    upper_rad: float | None = None
-    velocity_rad_s: float | None = Field(default=None, gt=0.0)
-    acceleration_rad_s2: float | None = Field(default=None, gt=0.0)
+    lower_rad: float | None = Field(default=None, description="least target")
+    upper_rad: float | None = Field(default=None, description="greatest target")
+    velocity_rad_s: float | None = Field(default=None, gt=0.0, description="fastest change of the target")
+    acceleration_rad_s2: float | None = Field(default=None, gt=0.0, description="fastest change of that velocity")
     step_rad: float | None = Field(default=None, gt=0.0, description="farthest from one command to the next")
 
     @model_validator(mode="after")

@@ -11,29 +11,9 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from twin_daemon.errors import BadInput
+from twin_daemon.yaml_files import MAX_BYTES, load_yaml
 
 M = TypeVar("M", bound=BaseModel)
-
-MAX_BYTES = 4_000_000
-"""A description or a trajectory file is small; a larger file is something else (or an attack on the parser)."""
-
-
-class _UniqueKeys(yaml.SafeLoader):
-    """YAML keeps the last of two equal keys silently; here they are an error. Aliases stay allowed."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        seen: set[Any] = set()
-        for key_node, _ in node.value:
-            if key_node.tag == "tag:yaml.org,2002:merge":
-                continue
-            key = self.construct_object(key_node, deep=True)
-            if isinstance(key, str | int | float) and key in seen:
-                problem = f"key '{key}' stands there twice"
-                raise yaml.constructor.ConstructorError(None, None, problem, key_node.start_mark)
-            if isinstance(key, str | int | float):
-                seen.add(key)
-        return super().construct_mapping(node, deep)
-
 
 def read_yaml(path: Path, what: str) -> dict[str, Any]:
     """The mapping in `path`. BadInput where it is missing, too large, no YAML, or no mapping; `what` names its kind."""
@@ -41,10 +21,10 @@ def read_yaml(path: Path, what: str) -> dict[str, Any]:
         size = path.stat().st_size
         if size > MAX_BYTES:
             raise BadInput(f"{size} bytes are too many for {what}", where=path, allowed=f"up to {MAX_BYTES} bytes")
-        content = yaml.load(path.read_text(encoding="utf-8"), Loader=_UniqueKeys)
+        content = load_yaml(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise BadInput(f"cannot read {what}: {error.strerror or error}", where=path) from error
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError, ValueError) as error:
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise BadInput(f"no valid YAML: {error}", where=path, todo=f"Correct {what}") from error
     if not isinstance(content, dict):
         raise BadInput(f"{what} is a mapping of keys, this is a {type(content).__name__}", where=path)
@@ -56,10 +36,11 @@ def validated(kind: type[M], raw: Mapping[str, Any], path: Path | str) -> M:
     try:
         return kind.model_validate(dict(raw))
     except ValidationError as error:
-        raise BadInput(_first_error(kind, error), where=path, todo="Correct the file") from error
+        raise BadInput(first_error(kind, error), where=path, todo="Correct the file") from error
 
 
-def _first_error(kind: type[BaseModel], error: ValidationError) -> str:
+def first_error(kind: type[BaseModel], error: ValidationError) -> str:
+    """The first of the errors in words: its key, what is wrong, the nearest known key."""
     details = error.errors()
     first = details[0]
     key = ".".join(str(part) for part in first["loc"])

@@ -8,6 +8,7 @@ from pathlib import Path
 import yaml
 
 from twin_daemon.errors import BadInput, nearest
+from twin_daemon.yaml_files import load_yaml
 
 _FORM = "lines of the form 'name in the data: name in the model'"
 
@@ -16,10 +17,10 @@ def load_joint_map(path: str | Path) -> dict[str, str]:
     """A YAML file of `data name: model name`. Raises BadInput if it says anything else."""
     path = Path(path)
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = load_yaml(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise BadInput(f"cannot read the joint map ({error.strerror})", where=path, allowed=_FORM) from None
-    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError):
+    except (yaml.YAMLError, UnicodeDecodeError):
         raise BadInput("the joint map is not YAML", where=path, allowed=_FORM) from None
     if not isinstance(content, dict) or not content:
         raise BadInput("the joint map is empty or not a mapping", where=path, allowed=_FORM)

@@ -9,6 +9,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from twin_daemon.errors import BadInput
+from twin_daemon.yaml_files import load_yaml
 
 
 class EffectTerm(BaseModel):
@@ -52,7 +53,7 @@ class Terms(BaseModel):
 def load_terms(path: Path) -> Terms:
     """Reads terms from a YAML or JSON file. Raises BadInput with the key that is wrong."""
     try:
-        raw = yaml.safe_load(path.read_text())
+        raw = load_yaml(path.read_text())
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise BadInput(f"cannot be read as terms: {error}", where=path, todo="Give a YAML or JSON file") from None
     try:

@@ -1,0 +1,134 @@
+#!/usr/bin/env bash
+# A real boot: Debian bookworm in a container, the wheel installed, the service started, a stand-in hand shadowed. Then the
+# daemon is stopped (kill -STOP), killed (kill -9) and the whole system rebooted: each time everything must come back by itself.
+# Needs root, debootstrap, systemd-nspawn, nsenter and a Debian mirror; where one is missing it says so in a line and ends
+# with 0, or with 77 if BOOT_STRICT is set. BOOT_CACHE (build/boot) keeps the bare system and the packages.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+cache=$(realpath -m "${BOOT_CACHE:-build/boot}")
+mirror=${BOOT_MIRROR:-http://deb.debian.org/debian}
+python=$(realpath -s "${PYTHON:-.venv/bin/python}")
+within_s=5.0
+
+skip() { echo "boot test left out: $1"; exit "$([ -n "${BOOT_STRICT:-}" ] && echo 77 || echo 0)"; }
+[ "$(id -u)" = 0 ] || skip "it needs root"
+for tool in debootstrap systemd-nspawn nsenter runuser; do
+    command -v "$tool" >/dev/null || skip "$tool is not on this machine"
+done
+[ -d "$cache/base" ] || "$python" - "$mirror" <<'PY' 2>/dev/null || skip "no Debian mirror answers at $mirror"
+import sys, urllib.request
+urllib.request.urlopen(sys.argv[1] + "/dists/bookworm/Release", timeout=10).read(100)
+PY
+
+mkdir -p "$cache"
+run=$(mktemp -d "$cache/run.XXXXXX")
+root=$run/root
+container=
+end() {
+    if [ -n "$container" ] && kill -0 "$container" 2>/dev/null; then
+        # nspawn ends the system inside at its second SIGTERM at the latest
+        kill -TERM "$container" 2>/dev/null || true
+        timeout 10 tail --pid="$container" -f /dev/null || kill -KILL "$container" 2>/dev/null || true
+        wait "$container" 2>/dev/null || true
+    fi
+    while read -r _ place _; do
+        case $place in "$run"/*) umount -l "$place" || true ;; esac
+    done < /proc/self/mounts
+    rm -rf --one-file-system "$run"
+}
+trap end EXIT
+trap 'exit 130' INT TERM
+
+echo "bare system"
+if [ ! -d "$cache/base" ]; then
+    rm -rf --one-file-system "$cache/base.part"
+    timeout 900 debootstrap --variant=minbase --include=systemd,systemd-sysv,dbus,python3,python3-venv,procps \
+        bookworm "$cache/base.part" "$mirror" > "$cache/debootstrap.log" 2>&1 || {
+        tail -3 "$cache/debootstrap.log"
+        exit 1
+    }
+    mv "$cache/base.part" "$cache/base"
+fi
+cp -a --reflink=auto "$cache/base" "$root"
+
+echo "wheel and its packages"
+"$python" -m hatchling build -t wheel -d "$run/wheel" > /dev/null 2>&1
+python3 -m pip download -q --no-deps --only-binary=:all: --python-version 3.11 -r requirements.lock --require-hashes -d "$cache/wheels"
+mkdir -p "$root/opt/wheels"
+cp "$cache"/wheels/*.whl "$run"/wheel/*.whl "$root/opt/wheels/"
+twin=/opt/twin_daemon/.venv/bin/twin
+chroot "$root" python3 -m venv /opt/twin_daemon/.venv
+chroot "$root" /opt/twin_daemon/.venv/bin/python -m pip install -q --no-index --find-links /opt/wheels twin_daemon
+rm -r "$root/opt/wheels"
+cp tools/boot_probe.py "$root/opt/boot_probe.py"
+
+echo "service"
+chroot "$root" "$twin" service install
+cat > "$root/etc/systemd/system/stand-in.service" <<'UNIT'
+[Service]
+User=twin
+ExecStart=/opt/twin_daemon/.venv/bin/twin hand --hidden backlash:rh_FFJ3=0.05
+Environment=TWIN_STATE_DIR=/tmp
+[Install]
+WantedBy=multi-user.target
+UNIT
+systemctl --root="$root" enable --quiet stand-in.service
+
+echo "boot"
+systemd-nspawn -D "$root" --boot --register=no --keep-unit --private-network --quiet \
+    < /dev/null > "$run/console.log" 2>&1 &
+container=$!
+
+inside() {
+    local init
+    init=$(ps -o pid= --ppid "$container" | head -1 | tr -d ' ')
+    [ -n "$init" ] || return 1
+    nsenter -t "$init" -m -u -i -n -p -- "$@"
+}
+probe() { inside /opt/twin_daemon/.venv/bin/python /opt/boot_probe.py "$@"; }
+fail() {
+    echo "boot test FAILED: $1"
+    inside journalctl --no-pager -n 40 -u twin-daemon || tail -20 "$run/console.log"
+    exit 1
+}
+wait_up() {
+    local began=$SECONDS
+    until inside systemctl is-active --quiet twin-daemon 2>/dev/null; do
+        [ $((SECONDS - began)) -lt 90 ] || fail "the daemon is not ready 90 s after the boot"
+        sleep 0.2
+    done
+}
+check() {  # words, signal, the most seconds
+    local answer seconds
+    answer=$(probe "$2" "$pid" "$version") || fail "$1: not back with the same version and state"
+    read -r seconds pid _ <<< "$answer"
+    echo "$1: back after $seconds s with version ${version:0:12}, following"
+    awk -v took="$seconds" -v most="$3" 'BEGIN { exit took > most }' || fail "$1: $seconds s are more than $3 s"
+}
+
+wait_up
+read -r _ pid version <<< "$(probe 0 0 any)" || fail "the hand is not followed"
+inside runuser -u twin -- env TWIN_STATE_DIR=/var/lib/twin_daemon "$twin" versions promote real_closing > /dev/null
+promoted=$(inside runuser -u twin -- env TWIN_STATE_DIR=/var/lib/twin_daemon "$twin" versions show current --json - \
+    | "$python" -c 'import json, sys; print(json.load(sys.stdin)["id"])')
+version=$promoted
+check "promoted" 0 10
+[ "$(inside systemctl show -p NRestarts --value twin-daemon)" = 0 ] || fail "the daemon was restarted without a cause"
+check "kill -STOP" 19 "$within_s"
+check "kill -9" 9 "$within_s"
+inside systemctl reload twin-daemon
+inside systemctl is-active --quiet twin-daemon || fail "the daemon did not survive a reload"
+
+began=$SECONDS
+inside systemctl reboot
+sleep 3
+wait_up
+pid=0
+check "reboot" 0 30
+echo "reboot: everything is back $((SECONDS - began)) s after it was asked for"
+inside "$twin" service status
+inside "$twin" service uninstall > /dev/null
+[ -d "$root/var/lib/twin_daemon" ] || fail "uninstall removed the state"
+[ ! -e "$root/etc/systemd/system/twin-daemon.service" ] || fail "uninstall left a unit"
+echo "boot test passed"
