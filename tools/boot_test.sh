@@ -50,17 +50,28 @@ if [ ! -d "$cache/base" ]; then
     }
     mv "$cache/base.part" "$cache/base"
 fi
-cp -a --reflink=auto "$cache/base" "$root"
 
 echo "wheel and its packages"
 "$python" -m hatchling build -t wheel -d "$run/wheel" > /dev/null 2>&1
-python3 -m pip download -q --no-deps --only-binary=:all: --python-version 3.11 -r requirements.lock --require-hashes -d "$cache/wheels"
-mkdir -p "$root/opt/wheels"
-cp "$cache"/wheels/*.whl "$run"/wheel/*.whl "$root/opt/wheels/"
 twin=/opt/twin_daemon/.venv/bin/twin
-chroot "$root" python3 -m venv /opt/twin_daemon/.venv
-chroot "$root" /opt/twin_daemon/.venv/bin/python -m pip install -q --no-index --find-links /opt/wheels twin_daemon
-rm -r "$root/opt/wheels"
+lock=$(sha256sum requirements.lock | cut -c1-16)
+ready=$cache/with-packages-$lock
+if [ ! -d "$ready" ]; then
+    rm -rf --one-file-system "$cache"/with-packages-*
+    "$python" -m pip --version > /dev/null 2>&1 && pip=$python || pip=python3
+    "$pip" -m pip download -qqq --no-deps --only-binary=:all: --python-version 3.11 --require-hashes \
+        -r requirements.lock -d "$cache/wheels-$lock"
+    cp -a --reflink=auto "$cache/base" "$ready.part"
+    mkdir -p "$ready.part/opt/wheels"
+    cp "$cache/wheels-$lock"/*.whl "$run"/wheel/*.whl "$ready.part/opt/wheels/"
+    chroot "$ready.part" python3 -m venv /opt/twin_daemon/.venv
+    chroot "$ready.part" /opt/twin_daemon/.venv/bin/python -m pip install -q --no-index --find-links /opt/wheels twin_daemon
+    rm -r "$ready.part/opt/wheels" "$cache/wheels-$lock"
+    mv "$ready.part" "$ready"
+fi
+cp -a --reflink=auto "$ready" "$root"
+cp "$run"/wheel/*.whl "$root/opt/"
+chroot "$root" /bin/sh -c "/opt/twin_daemon/.venv/bin/python -m pip install -q --no-index --no-deps --force-reinstall /opt/*.whl"
 cp tools/boot_probe.py "$root/opt/boot_probe.py"
 
 echo "service"
@@ -75,10 +86,13 @@ WantedBy=multi-user.target
 UNIT
 systemctl --root="$root" enable --quiet stand-in.service
 
+boot() {
+    systemd-nspawn -D "$root" --boot --register=no --keep-unit --private-network --quiet \
+        < /dev/null >> "$run/console.log" 2>&1 &
+    container=$!
+}
 echo "boot"
-systemd-nspawn -D "$root" --boot --register=no --keep-unit --private-network --quiet \
-    < /dev/null > "$run/console.log" 2>&1 &
-container=$!
+boot
 
 inside() {
     local init
@@ -110,7 +124,7 @@ check() {  # words, signal, the most seconds
 wait_up
 read -r _ pid version <<< "$(probe 0 0 any)" || fail "the hand is not followed"
 inside runuser -u twin -- env TWIN_STATE_DIR=/var/lib/twin_daemon "$twin" versions promote real_closing > /dev/null
-promoted=$(inside runuser -u twin -- env TWIN_STATE_DIR=/var/lib/twin_daemon "$twin" versions show current --json - \
+promoted=$(inside runuser -u twin -- env TWIN_STATE_DIR=/var/lib/twin_daemon "$twin" versions show current --json - 2> /dev/null \
     | "$python" -c 'import json, sys; print(json.load(sys.stdin)["id"])')
 version=$promoted
 check "promoted" 0 10
@@ -122,7 +136,11 @@ inside systemctl is-active --quiet twin-daemon || fail "the daemon did not survi
 
 began=$SECONDS
 inside systemctl reboot
-sleep 3
+# a container that reboots ends with 133, and whoever runs it starts it again
+timeout 60 tail --pid="$container" -f /dev/null || fail "the system does not go down"
+wait "$container" && code=0 || code=$?
+[ "$code" = 133 ] || fail "the system ended with $code instead of rebooting"
+boot
 wait_up
 pid=0
 check "reboot" 0 30

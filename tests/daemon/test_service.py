@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from twin_daemon.daemon.configuration import load_config
 from twin_daemon.daemon.messages import JointSample
 from twin_daemon.daemon.residual import Residual
 from twin_daemon.daemon.service import TwinService
-from twin_daemon.daemon.configuration import load_config
 from twin_daemon.errors import BadInput
 from twin_daemon.simulation.twin import TwinModel
 

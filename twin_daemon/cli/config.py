@@ -16,7 +16,8 @@ from twin_daemon.errors import BadInput, nearest
 app = Group("The daemon's configuration: checked, shown with where each value came from, explained.")
 
 File = Annotated[
-    Path | None, typer.Argument(metavar="[FILE]", help="The YAML file of 'twin run -c'; none: defaults and environment.")
+    Path | None,
+    typer.Argument(metavar="[FILE]", help="The file of 'twin run -c'; none: defaults and environment."),
 ]
 
 

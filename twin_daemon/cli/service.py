@@ -58,7 +58,8 @@ def install(
     enabled, left_out = _wanted()
     steps = [
         Step(
-            f"leave {root / file.place} as it is" if file.personal and (root / file.place).exists()
+            f"leave {root / file.place} as it is"
+            if file.personal and (root / file.place).exists()
             else f"write {root / file.place}",
             lambda: None,
         )
@@ -116,7 +117,9 @@ def status(json: Json = None) -> None:
     runs = found[units.DAEMON].get("ActiveState") == "active"
     emit_json(json, {"runs": runs, "units": found})
     if not runs:
-        raise NoAnswer(f"{units.DAEMON} does not run", todo="'twin service logs' says why, 'twin service install' starts")
+        raise NoAnswer(
+            f"{units.DAEMON} does not run", todo="'twin service logs' says why, 'twin service install' starts"
+        )
 
 
 @app.command("logs")

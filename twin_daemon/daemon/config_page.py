@@ -20,20 +20,20 @@ _HEAD = """\
 This page is made by `twin config docs -o docs/configuration.md`, from the types that check the configuration.
 
 One YAML file: `twin run -c twin.yaml`. Every key may be left out. What the command line says wins over the environment,
-which wins over the file. `twin config check FILE` says whether the daemon would take it, `twin config show FILE` what it
-comes to and where each value came from. A key that does not exist is refused with the nearest one that does.
+which wins over the file. `twin config check FILE` says whether the daemon would take it, `twin config show FILE` what
+it comes to and where each value came from. A key that does not exist is refused with the nearest one that does.
 
-Each key has an environment variable: `TWIN_`, then its section and name in capitals with two underscores between. Values are
-written as in YAML: `TWIN_DAEMON__HORIZON_S=1.0`, `TWIN_GATE__EFFORT_LIMIT='{rh_FFJ3: 2.0}'`. Names of joints and commands
-keep their letters: `TWIN_GATE__LIMITS__rh_WRJ2__VELOCITY_RAD_S=1.0`. A path there is relative to the working folder; in
-the file it is relative to the file. An empty variable counts as none. `TWIN_ENDPOINT` is heard by every command, the
-others by `twin run` and `twin config`.
+Each key has an environment variable: `TWIN_`, then its section and name in capitals with two underscores between.
+Values are written as in YAML: `TWIN_DAEMON__HORIZON_S=1.0`, `TWIN_GATE__EFFORT_LIMIT='{rh_FFJ3: 2.0}'`. Names of joints
+and commands keep their letters: `TWIN_GATE__LIMITS__rh_WRJ2__VELOCITY_RAD_S=1.0`. A path there is relative to the
+working folder; in the file it is relative to the file. An empty variable counts as none. `TWIN_ENDPOINT` is heard by
+every command, the others by `twin run` and `twin config`.
 
-**Live**: `systemctl reload twin-daemon` (SIGHUP to a `twin run -c FILE` without a terminal) reads the configuration again.
-Keys marked "live" are taken over at once; of the others the log says that they need a restart. A configuration that is
-wrong is refused, and the one before stays.
+**Live**: `systemctl reload twin-daemon` (SIGHUP to a `twin run -c FILE` without a terminal) reads the configuration
+again. Keys marked "live" are taken over at once; of the others the log says that they need a restart. A configuration
+that is wrong is refused, and the one before stays.
 """
-_SECRETS = """
+_OTHERS = """
 ## Other variables
 
 | variable | meaning |
@@ -50,7 +50,7 @@ def page() -> str:
     for above, keys in sections.items():
         parts.append(_section(above, keys))
     rows = "".join(f"| `{name}` | {meaning} |\n" for name, meaning in OTHER_VARIABLES.items())
-    return "".join(parts) + _SECRETS + rows
+    return "".join(parts) + _OTHERS + rows
 
 
 def _section(above: tuple[str, ...], keys: list[Key]) -> str:

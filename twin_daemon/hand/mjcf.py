@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 
 from twin_daemon.errors import BadInput
+from twin_daemon.hand.mjcf_screen import screen_mjcf
 
 _ONE_DOF = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 _ON_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
@@ -39,6 +40,7 @@ def compile_model(path: Path) -> mujoco.MjModel:
     """The model of `path`. BadInput where it is missing, does not compile, or is not physical."""
     if not path.is_file():
         raise BadInput("no such model file", where=path, todo="Give the path of an MJCF (.xml)")
+    screen_mjcf(path)
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
     except (ValueError, OSError, mujoco.FatalError) as error:

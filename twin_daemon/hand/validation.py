@@ -15,6 +15,7 @@ from twin_daemon.yaml_files import MAX_BYTES, load_yaml
 
 M = TypeVar("M", bound=BaseModel)
 
+
 def read_yaml(path: Path, what: str) -> dict[str, Any]:
     """The mapping in `path`. BadInput where it is missing, too large, no YAML, or no mapping; `what` names its kind."""
     try:
