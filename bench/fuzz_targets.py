@@ -290,8 +290,8 @@ _FORMS: dict[str, Callable[[Path], Path]] = {
 
 _HOSTILE = "1e999 -1 nan 0 1 99999999999 ../../etc/passwd /dev/zero loop.xml it.xml 64G &x; 1e300"
 _PLACES = (
-    "size:memory size:njmax size:nuserdata include:file mesh:file texture:file hfield:nrow replicate:count composite:count "
-    "flexcomp:count joint:damping joint:range geom:size geom:pos option:timestep compiler:meshdir plugin:plugin"
+    "size:memory size:njmax size:nuserdata include:file mesh:file texture:file hfield:nrow replicate:count "
+    "composite:count flexcomp:count joint:damping joint:range geom:size geom:pos option:timestep compiler:meshdir plugin:plugin"
 )
 
 

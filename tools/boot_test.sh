@@ -143,8 +143,8 @@ wait "$container" && code=0 || code=$?
 boot
 wait_up
 pid=0
-check "reboot" 0 30
-echo "reboot: everything is back $((SECONDS - began)) s after it was asked for"
+check "after the reboot" 0 30
+echo "reboot: everything was back $((SECONDS - began)) s after it was asked for"
 inside "$twin" service status
 inside "$twin" service uninstall > /dev/null
 [ -d "$root/var/lib/twin_daemon" ] || fail "uninstall removed the state"

@@ -1,4 +1,4 @@
-"""The unit is what systemd accepts, and keeps its protections."""
+"""The units are what systemd accepts, and keep their protections."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from twin_daemon.cli import units
 from twin_daemon.daemon.configuration import load_config
 
 SYSTEMD = Path(__file__).resolve().parents[2] / "systemd"
-UNIT = SYSTEMD / "twin-daemon.service"
+SERVICES = sorted(path.name for path in SYSTEMD.glob("*.service"))
 MOST_EXPOSED = 15  # of 100, as systemd-analyze counts
 
 needs_systemd = pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd is not on this machine")
@@ -23,21 +24,28 @@ def analyze(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 @needs_systemd
-def test_systemd_accepts_the_unit(tmp_path: Path) -> None:
-    unit = tmp_path / UNIT.name
-    text = UNIT.read_text(encoding="utf-8")
-    assert "/opt/twin_daemon/.venv/bin/twin " in text
-    unit.write_text(text.replace("/opt/twin_daemon/.venv/bin/twin ", f"{sys.executable} "), encoding="utf-8")
-    done = analyze("verify", "--man=no", "--recursive-errors=no", str(unit))
-    complaints = [line for line in done.stderr.splitlines() if UNIT.name in line]
+def test_systemd_accepts_the_units(tmp_path: Path) -> None:
+    paths = []
+    for file in units.planned(Path(sys.executable)):
+        if file.place.name in units.UNITS:
+            paths.append(tmp_path / file.place.name)
+            paths[-1].write_bytes(file.content)
+    assert len(paths) == 4
+    done = analyze("verify", "--man=no", "--recursive-errors=no", *map(str, paths))
+    complaints = [line for line in done.stderr.splitlines() if any(name in line for name in units.UNITS)]
     assert not complaints
     assert done.returncode == 0
 
 
 @needs_systemd
-def test_the_unit_keeps_its_protections() -> None:
-    done = analyze("security", "--offline=true", f"--threshold={MOST_EXPOSED}", "--no-pager", str(UNIT))
+@pytest.mark.parametrize("name", SERVICES)
+def test_a_unit_keeps_its_protections(name: str) -> None:
+    done = analyze("security", "--offline=true", f"--threshold={MOST_EXPOSED}", "--no-pager", str(SYSTEMD / name))
     assert done.returncode == 0, done.stdout.splitlines()[-1]
+
+
+def test_every_unit_of_the_folder_is_installed() -> None:
+    assert {*SERVICES, *(path.name for path in SYSTEMD.glob("*.target"))} == set(units.UNITS)
 
 
 def test_the_configuration_that_comes_with_it_is_valid() -> None:

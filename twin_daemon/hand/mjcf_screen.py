@@ -91,7 +91,7 @@ def _elements(path: Path) -> Iterator[ElementTree.Element]:
             if event == "start":
                 yield element
     except (ElementTree.ParseError, expat.ExpatError, LookupError, ValueError) as error:
-        raise BadInput(f"it is no well-formed XML: {error}", where=path, todo="Correct the MJCF") from None
+        raise BadInput(f"MuJoCo cannot compile this model: no well-formed XML ({error})", where=path, todo="Correct the MJCF") from None
 
 
 def _sizes(element: ElementTree.Element, where: Path) -> int:

@@ -1,0 +1,76 @@
+"""An MJCF that asks for what no hand needs is refused before MuJoCo reads it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from twin_daemon.errors import BadInput
+from twin_daemon.hand.mjcf import compile_model
+
+BODY = '<worldbody><body><joint name="j"/><geom size="0.1" mass="1"/></body></worldbody>'
+BOMB = (
+    '<!DOCTYPE m [<!ENTITY a "x"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;"><!ENTITY c "&b;&b;&b;&b;&b;&b;&b;&b;&b;">]>'
+)
+
+
+@pytest.fixture
+def model(tmp_path: Path):
+    folder = tmp_path / "model"
+    folder.mkdir()
+
+    def write(inner: str, before: str = "", name: str = "it.xml") -> Path:
+        path = folder / name
+        path.write_text(f"{before}<mujoco>{inner}</mujoco>")
+        return path
+
+    return write
+
+
+def test_a_plain_model_with_an_include_and_a_file_beside_it_is_read(model) -> None:
+    model(BODY, name="hand.xml")
+    assert compile_model(model('<include file="hand.xml"/>')).njnt == 1
+
+
+@pytest.mark.parametrize(
+    ("inner", "before", "said"),
+    [
+        (BODY, BOMB, "entities"),
+        ('<include file="../secret.xml"/>', "", "outside its folder"),
+        ('<include file="/etc/passwd"/>', "", "outside its folder"),
+        ('<asset><mesh file="../../mesh.stl"/></asset>', "", "outside its folder"),
+        ('<compiler meshdir="../elsewhere"/><asset><mesh file="a.stl"/></asset>', "", "outside its folder"),
+        ('<include file="nowhere.xml"/>', "", "not there"),
+        ("<worldbody>" + "<body>" * 5000 + "</body>" * 5000 + "</worldbody>", "", "nested more than"),
+        ('<size memory="900G"/>', "", "beyond reason"),
+        ('<size nuserdata="2000000000"/>', "", "beyond reason"),
+        ('<asset><hfield name="h" nrow="100000" ncol="100000" size="1 1 1 1"/></asset>', "", "cells"),
+        ('<worldbody><replicate count="9999999"><geom size="1"/></replicate></worldbody>', "", "multiply"),
+        (
+            '<worldbody><replicate count="900"><replicate count="900"><geom size="1"/></replicate></replicate></worldbody>',
+            "",
+            "multiply",
+        ),
+        ("<worldbody>", "", "no well-formed XML"),
+    ],
+)
+def test_what_is_hostile_is_refused_in_one_line(model, inner: str, before: str, said: str) -> None:
+    with pytest.raises(BadInput, match=re.escape(said)) as caught:
+        compile_model(model(inner, before))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_link_out_of_the_folder_is_a_way_out_as_well(model, tmp_path: Path) -> None:
+    (tmp_path / "outside.xml").write_text(f"<mujoco>{BODY}</mujoco>")
+    path = model('<include file="inside.xml"/>')
+    (path.parent / "inside.xml").symlink_to(tmp_path / "outside.xml")
+    with pytest.raises(BadInput, match="outside its folder"):
+        compile_model(path)
+
+
+def test_files_that_include_each_other_end(model) -> None:
+    model('<include file="it.xml"/>', name="loop.xml")
+    with pytest.raises(BadInput):
+        compile_model(model('<include file="loop.xml"/>'))
