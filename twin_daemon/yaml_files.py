@@ -31,10 +31,20 @@ def load_yaml(text: str) -> Any:
 class _Bounded(yaml.SafeLoader):
     """YAML keeps the last of two equal keys silently; here they are an error. Aliases stay allowed, within bounds."""
 
+    _depth = 0
+
     def get_single_node(self) -> yaml.Node | None:
         node = super().get_single_node()
         if node is not None:
-            _measure(node, {}, 0)
+            _measure(node, {})
+        return node
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        self._depth += 1  # looked at on the way in: the scanner takes the square of the depth in time
+        if self._depth > MAX_DEPTH:
+            raise yaml.YAMLError(f"it is nested more than {MAX_DEPTH} deep")
+        node = super().compose_node(parent, index)
+        self._depth -= 1
         return node
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
@@ -51,22 +61,24 @@ class _Bounded(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-def _measure(node: yaml.Node, known: dict[int, int | None], depth: int) -> int:
-    """How many values a node stands for, aliases written out. None in `known` is a node that is under way."""
+def _measure(node: yaml.Node, known: dict[int, tuple[int, int] | None]) -> tuple[int, int]:
+    """How many values a node stands for and how deep they go, aliases written out. None in `known`: under way."""
     if id(node) in known:
         found = known[id(node)]
         if found is None:
             raise yaml.YAMLError("an alias stands for something that contains it")
         return found
-    if depth > MAX_DEPTH:
-        raise yaml.YAMLError(f"it is nested more than {MAX_DEPTH} deep")
     known[id(node)] = None
-    count = 1
+    inner: list[yaml.Node] = []
     if isinstance(node, yaml.SequenceNode):
-        count += sum(_measure(item, known, depth + 1) for item in node.value)
+        inner = list(node.value)
     elif isinstance(node, yaml.MappingNode):
-        count += sum(_measure(item, known, depth + 1) for pair in node.value for item in pair)
+        inner = [item for pair in node.value for item in pair]
+    sizes = [_measure(item, known) for item in inner]
+    count, depth = 1 + sum(size[0] for size in sizes), 1 + max((size[1] for size in sizes), default=0)
     if count > MAX_VALUES:
         raise yaml.YAMLError(f"its aliases stand for more than {MAX_VALUES} values")
-    known[id(node)] = count
-    return count
+    if depth > MAX_DEPTH:
+        raise yaml.YAMLError(f"its aliases nest more than {MAX_DEPTH} deep")
+    known[id(node)] = count, depth
+    return count, depth

@@ -84,7 +84,7 @@ class Keyring:
         if proof is None:
             return NOBODY
         known = self._identities.get(proof.who)
-        if known is None or not hmac.compare_digest(_code(known, verb, payload), proof.code):
+        if known is None or not hmac.compare_digest(_code(known, verb, payload).encode(), proof.code.encode(errors="replace")):
             return None
         return Who(proof.who, known.role)
 
