@@ -101,11 +101,11 @@ def _cdr(_folder: Path) -> Prepared:
 
 
 _TOKENS = (
-    "daemon gate ros access hand model endpoint namespace version horizon_s limits rh_FFJ3 velocity_rad_s transport "
-    "domain schema name joints commands actuator parameters effects effect target values kind trajectories times "
-    "position_trajectories 0.5 -1 1e999 .nan .inf 2001-99-99 0x 0b2 1:99:99 ~ null true yes !!binary !!timestamp !!int "
-    "!!python/object !!float !!set !!omap !!pairs <<: *a *b &a &b - : ? | > [ ] { } , # % @ ` ' \" \\ \n \n\n \t --- "
-    "... 99999999999999999999"
+    "daemon gate ros access recalibration cron quiet hand model endpoint namespace version horizon_s limits rh_FFJ3 "
+    "velocity_rad_s transport domain schema name joints commands actuator parameters effects effect target values kind "
+    "trajectories times position_trajectories 0.5 -1 1e999 .nan .inf 2001-99-99 0x 0b2 1:99:99 ~ null true yes !!int "
+    "!!binary !!timestamp !!python/object !!set !!omap !!pairs <<: *a *b &a &b - : ? | > [ ] { } , # % @ ` ' \" "
+    "!!float \\ \n \n\n \t --- ... 99999999999999999999"
 )
 _WORDS = _TOKENS.split(" ")
 
@@ -291,7 +291,8 @@ _FORMS: dict[str, Callable[[Path], Path]] = {
 _HOSTILE = "1e999 -1 nan 0 1 99999999999 ../../etc/passwd /dev/zero loop.xml it.xml 64G &x; 1e300"
 _PLACES = (
     "size:memory size:njmax size:nuserdata include:file mesh:file texture:file hfield:nrow replicate:count "
-    "composite:count flexcomp:count joint:damping joint:range geom:size geom:pos option:timestep compiler:meshdir plugin:plugin"
+    "composite:count flexcomp:count joint:damping joint:range geom:size geom:pos option:timestep compiler:meshdir "
+    "plugin:plugin"
 )
 
 

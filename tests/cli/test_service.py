@@ -56,9 +56,10 @@ def test_installed_units_run_this_program_and_start_with_the_machine(tree: Path)
     assert install(tree) == 0
     for name in UNITS:
         assert "/opt/twin_daemon" not in (tree / UNIT_FOLDER / name).read_text()
-    assert f"ExecStart={PROGRAM} run -c /etc/twin_daemon/twin.yaml" in (
-        tree / UNIT_FOLDER / "twin-daemon.service"
-    ).read_text()
+    assert (
+        f"ExecStart={PROGRAM} run -c /etc/twin_daemon/twin.yaml"
+        in (tree / UNIT_FOLDER / "twin-daemon.service").read_text()
+    )
     assert (tree / UNIT_FOLDER / "multi-user.target.wants/twin.target").is_symlink()
     assert (tree / UNIT_FOLDER / "twin.target.wants/twin-daemon.service").is_symlink()
     assert "twin:" in (tree / "etc/passwd").read_text()

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, SecretStr
 from twin_daemon.cli.app import main
 from twin_daemon.daemon import configuration
 from twin_daemon.daemon.config_page import page
-from twin_daemon.daemon.configuration import OTHER_VARIABLES, Effective, after_reload, load_config, shown
+from twin_daemon.daemon.configuration import Effective, after_reload, load_config, shown
 from twin_daemon.daemon.keys import keys_of
 from twin_daemon.daemon.settings import TwinConfig
 from twin_daemon.errors import BadInput

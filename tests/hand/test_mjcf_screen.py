@@ -11,9 +11,7 @@ from twin_daemon.errors import BadInput
 from twin_daemon.hand.mjcf import compile_model
 
 BODY = '<worldbody><body><joint name="j"/><geom size="0.1" mass="1"/></body></worldbody>'
-BOMB = (
-    '<!DOCTYPE m [<!ENTITY a "x"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;"><!ENTITY c "&b;&b;&b;&b;&b;&b;&b;&b;&b;">]>'
-)
+BOMB = '<!DOCTYPE m [<!ENTITY a "x"><!ENTITY b "&a;&a;&a;&a;&a;&a;"><!ENTITY c "&b;&b;&b;&b;&b;&b;&b;&b;&b;">]>'
 
 
 @pytest.fixture
@@ -49,7 +47,8 @@ def test_a_plain_model_with_an_include_and_a_file_beside_it_is_read(model) -> No
         ('<asset><hfield name="h" nrow="100000" ncol="100000" size="1 1 1 1"/></asset>', "", "cells"),
         ('<worldbody><replicate count="9999999"><geom size="1"/></replicate></worldbody>', "", "multiply"),
         (
-            '<worldbody><replicate count="900"><replicate count="900"><geom size="1"/></replicate></replicate></worldbody>',
+            '<worldbody><replicate count="900"><replicate count="900"><geom size="1"/></replicate></replicate>'
+            "</worldbody>",
             "",
             "multiply",
         ),

@@ -187,7 +187,7 @@ def _chores(
     diagnoser: Diagnoser,
     recalibrator: Recalibrator,
 ) -> Callable[[], None]:
-    """What the loop does between messages: `tend` at every turn, take up a promoted version, a diagnosis, a schedule."""
+    """What the loop does between messages: `tend` at every turn, take up a version, a diagnosis, a schedule."""
     from bridges.recalibrator import live
 
     next_poll_s = time.monotonic() + _POLL_S

@@ -84,7 +84,10 @@ class Keyring:
         if proof is None:
             return NOBODY
         known = self._identities.get(proof.who)
-        if known is None or not hmac.compare_digest(_code(known, verb, payload).encode(), proof.code.encode(errors="replace")):
+        if known is None:
+            return None
+        right = _code(known, verb, payload).encode()
+        if not hmac.compare_digest(right, proof.code.encode(errors="replace")):
             return None
         return Who(proof.who, known.role)
 

@@ -7,9 +7,7 @@ and no memory holds. Everything else is MuJoCo's to judge.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from pathlib import Path
-from xml.etree import ElementTree
 from xml.parsers import expat
 
 from twin_daemon.errors import BadInput
@@ -44,15 +42,15 @@ def screen_mjcf(path: Path) -> None:
         if not current.is_file():
             raise BadInput(f"the file that it includes is not there: {current}", where=path, todo="Correct the MJCF")
         copies = 1
-        for element in _elements(current):
-            folders.update(value for key in _FOLDERS if (value := element.get(key)))
+        for tag, attributes in _elements(current):
+            folders.update(value for key in _FOLDERS if (value := attributes.get(key)))
             for key in _FILES:
-                value = element.get(key)
-                if value and element.tag == "include":
+                value = attributes.get(key)
+                if value and tag == "include":
                     waiting.append(_inside(base, base / value, current))
                 elif value:
                     named.append((value, current))
-            copies *= _sizes(element, current)
+            copies *= _sizes(tag, attributes, current)
             if copies > MAX_COPIES:
                 raise BadInput(f"its copies multiply to more than {MAX_COPIES}", where=current, todo="Write fewer")
     for value, current in named:
@@ -72,41 +70,50 @@ def _inside(base: Path, path: Path, where: Path) -> Path:
     return resolved
 
 
-def _elements(path: Path) -> Iterator[ElementTree.Element]:
-    """The elements of a file in order. BadInput for what is no XML, or none that is read here."""
+def _elements(path: Path) -> list[tuple[str, dict[str, str]]]:
+    """Name and attributes of the elements of a file in order. BadInput for what is no XML, or hostile."""
     if path.stat().st_size > MAX_BYTES:
         raise BadInput(f"{path.stat().st_size} bytes are too many for an MJCF", where=path, allowed=f"to {MAX_BYTES}")
     content = path.read_bytes()
     if b"<!DOCTYPE" in content or b"<!ENTITY" in content or b"\0" in content:
         raise BadInput("it declares a document type or entities", where=path, allowed="plain MJCF in UTF-8")
-    parser = ElementTree.XMLPullParser(events=("start", "end"))
+    found: list[tuple[str, dict[str, str]]] = []
     depth = 0
+
+    def begin(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > MAX_DEPTH:
+            raise BadInput(f"it is nested more than {MAX_DEPTH} deep", where=path)
+        found.append((tag, attributes))
+
+    def end(_tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+
+    parser = expat.ParserCreate()
+    parser.StartElementHandler, parser.EndElementHandler = begin, end
     try:
-        parser.feed(content)
-        parser.close()
-        for event, element in parser.read_events():
-            depth += 1 if event == "start" else -1
-            if depth > MAX_DEPTH:
-                raise BadInput(f"it is nested more than {MAX_DEPTH} deep", where=path)
-            if event == "start":
-                yield element
-    except (ElementTree.ParseError, expat.ExpatError, LookupError, ValueError) as error:
-        raise BadInput(f"MuJoCo cannot compile this model: no well-formed XML ({error})", where=path, todo="Correct the MJCF") from None
+        parser.Parse(content, True)
+    except (expat.ExpatError, LookupError, ValueError) as error:
+        what = f"MuJoCo cannot compile this model: no well-formed XML ({error})"
+        raise BadInput(what, where=path, todo="Correct the MJCF") from None
+    return found
 
 
-def _sizes(element: ElementTree.Element, where: Path) -> int:
+def _sizes(tag: str, attributes: dict[str, str], where: Path) -> int:
     """How many times an element makes what it holds. BadInput for sizes beyond all reason."""
     cells = 1.0
     for key in _COUNTS:
-        for word in (element.get(key) or "").split():
+        for word in attributes.get(key, "").split():
             cells *= max(_number(word), 1.0)
     if cells > MAX_CELLS:
-        raise BadInput(f"<{element.tag}> is of {cells:.3g} cells", where=where, allowed=f"up to {MAX_CELLS}")
-    if element.tag == "size":
-        for key, value in element.items():
+        raise BadInput(f"<{tag}> is of {cells:.3g} cells", where=where, allowed=f"up to {MAX_CELLS}")
+    if tag == "size":
+        for key, value in attributes.items():
             if _memory(value) > (MAX_MEMORY if key == "memory" else MAX_CELLS):
                 raise BadInput(f"<size {key}='{value:.40}'> is beyond reason", where=where, todo="Leave it out")
-    return int(cells) if element.tag in ("replicate", "composite", "flexcomp") else 1
+    return int(cells) if tag in ("replicate", "composite", "flexcomp") else 1
 
 
 def _memory(text: str) -> float:

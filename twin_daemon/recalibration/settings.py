@@ -44,7 +44,7 @@ class RecalibrationSettings(BaseModel):
         from apscheduler.triggers.cron import CronTrigger
 
         if text is not None:
-            if re.search(r"\d", text.split()[-1]):
+            if re.search(r"\d", text.rpartition(" ")[2]):
                 raise ValueError("days of the week by name (mon, tue-fri): programs disagree whether 0 is Monday")
             CronTrigger.from_crontab(text, timezone="UTC")
         return text
