@@ -10,12 +10,13 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def test_the_wheel_holds_what_the_page_is_made_of(tmp_path: Path) -> None:
+def test_the_wheel_holds_what_page_and_service_are_made_of(tmp_path: Path) -> None:
     build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
     done = subprocess.run(build, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     (wheel,) = tmp_path.glob("*.whl")
     held = set(zipfile.ZipFile(wheel).namelist())
     needed = {str(path.relative_to(ROOT)) for path in (ROOT / "twin_daemon/report/templates").iterdir()}
-    assert len(needed) > 5
+    needed |= {f"twin_daemon/_data/systemd/{path.name}" for path in (ROOT / "systemd").iterdir()}
+    assert len(needed) > 12
     assert needed <= held
