@@ -3,6 +3,7 @@
 # daemon is stopped (kill -STOP), killed (kill -9) and the whole system rebooted: each time everything must come back by itself.
 # Needs root, debootstrap, systemd-nspawn, nsenter and a Debian mirror; where one is missing it says so in a line and ends
 # with 0, or with 77 if BOOT_STRICT is set. BOOT_CACHE (build/boot) keeps the bare system and the packages.
+# With BOOT_ROS=1 the system gets ROS 2 as well, and the bridge must come up and back, too.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
@@ -54,18 +55,22 @@ fi
 echo "wheel and its packages"
 "$python" -m hatchling build -t wheel -d "$run/wheel" > /dev/null 2>&1
 twin=/opt/twin_daemon/.venv/bin/twin
-lock=$(sha256sum requirements.lock | cut -c1-16)
+locks=(requirements.lock)
+if [ -n "${BOOT_ROS:-}" ]; then locks+=(requirements-ros.lock); fi
+lock=$(cat "${locks[@]}" | sha256sum | cut -c1-16)
 ready=$cache/with-packages-$lock
 if [ ! -d "$ready" ]; then
-    rm -rf --one-file-system "$cache"/with-packages-*
     "$python" -m pip --version > /dev/null 2>&1 && pip=$python || pip=python3
-    "$pip" -m pip download -qqq --no-deps --only-binary=:all: --python-version 3.11 --require-hashes \
-        -r requirements.lock -d "$cache/wheels-$lock"
+    for one in "${locks[@]}"; do
+        "$pip" -m pip download -qqq --no-deps --only-binary=:all: --python-version 3.11 --require-hashes \
+            -r "$one" -d "$cache/wheels-$lock"
+    done
     cp -a --reflink=auto "$cache/base" "$ready.part"
     mkdir -p "$ready.part/opt/wheels"
     cp "$cache/wheels-$lock"/*.whl "$run"/wheel/*.whl "$ready.part/opt/wheels/"
     chroot "$ready.part" python3 -m venv /opt/twin_daemon/.venv
-    chroot "$ready.part" /opt/twin_daemon/.venv/bin/python -m pip install -q --no-index --find-links /opt/wheels twin_daemon
+    chroot "$ready.part" /opt/twin_daemon/.venv/bin/python -m pip install -q --no-index --find-links /opt/wheels \
+        "twin_daemon${BOOT_ROS:+[ros]}"
     rm -r "$ready.part/opt/wheels" "$cache/wheels-$lock"
     mv "$ready.part" "$ready"
 fi
@@ -128,6 +133,15 @@ promoted=$(inside runuser -u twin -- env TWIN_STATE_DIR=/var/lib/twin_daemon "$t
     | "$python" -c 'import json, sys; print(json.load(sys.stdin)["id"])')
 version=$promoted
 check "promoted" 0 10
+bridge() {
+    [ -z "${BOOT_ROS:-}" ] && return
+    inside systemctl is-active --quiet twin-bridge-ros2 || {
+        inside journalctl --no-pager -n 30 -u twin-bridge-ros2
+        fail "the ROS 2 bridge does not run $1"
+    }
+    echo "the ROS 2 bridge runs $1"
+}
+bridge "after the boot"
 [ "$(inside systemctl show -p NRestarts --value twin-daemon)" = 0 ] || fail "the daemon was restarted without a cause"
 check "kill -STOP" 19 "$within_s"
 check "kill -9" 9 "$within_s"
@@ -145,6 +159,7 @@ wait_up
 pid=0
 check "after the reboot" 0 30
 echo "reboot: everything was back $((SECONDS - began)) s after it was asked for"
+bridge "after the reboot"
 inside "$twin" service status
 inside "$twin" service uninstall > /dev/null
 [ -d "$root/var/lib/twin_daemon" ] || fail "uninstall removed the state"

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
-import uuid
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -21,6 +19,7 @@ from bridges import cdr
 from bridges.client import ask
 from bridges.gatekeeper import Gatekeeper, Register
 from bridges.session import open_client, session_config
+from tests.processes.manager import Manager
 from twin_daemon.daemon.messages import JointSample
 from twin_daemon.gate.audit import AuditLog
 from twin_daemon.gate.gate import Gate
@@ -39,34 +38,6 @@ HANGING = (
     "from twin_daemon.cli.app import main\n"
     "sys.exit(main())\n"
 )
-
-
-class Manager:
-    """The other end of sd_notify."""
-
-    def __init__(self) -> None:
-        self.name = f"@twin-test-{uuid.uuid4()}"
-        self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self.socket.bind("\0" + self.name[1:])
-        self.socket.settimeout(20.0)
-
-    def hear(self, wanted: str) -> list[str]:
-        """What is said until `wanted`, the latter included."""
-        said: list[str] = []
-        while not said or not said[-1].startswith(wanted):
-            said.append(self.socket.recv(4096).decode())
-        return said
-
-    def waiting(self) -> list[str]:
-        """What has been said and was not heard yet."""
-        said = []
-        self.socket.setblocking(False)
-        try:
-            while True:
-                said.append(self.socket.recv(4096).decode())
-        except BlockingIOError:
-            self.socket.settimeout(20.0)
-        return said
 
 
 @pytest.fixture
