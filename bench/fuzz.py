@@ -36,7 +36,7 @@ def run(name: str, inputs: int, number: int, folder: Path) -> Counter[str]:
         deadline=None,
         database=None,
         phases=(Phase.generate, Phase.shrink),
-        suppress_health_check=list(HealthCheck),
+        suppress_health_check=(HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.large_base_example),
     )
     @given(prepared.inputs)
     def one(value: object) -> None:

@@ -61,10 +61,11 @@ lock=$(cat "${locks[@]}" | sha256sum | cut -c1-16)
 ready=$cache/with-packages-$lock
 if [ ! -d "$ready" ]; then
     "$python" -m pip --version > /dev/null 2>&1 && pip=$python || pip=python3
-    for one in "${locks[@]}"; do
-        "$pip" -m pip download -qqq --no-deps --only-binary=:all: --python-version 3.11 --require-hashes \
-            -r "$one" -d "$cache/wheels-$lock"
-    done
+    "$pip" -m pip download -qqq --no-deps --only-binary=:all: --python-version 3.11 --require-hashes \
+        -r requirements.lock -d "$cache/wheels-$lock"
+    if [ -n "${BOOT_ROS:-}" ]; then  # one package of it has no wheel, so this Python has to be a 3.11 as well
+        "$pip" -m pip wheel -qqq --no-deps --require-hashes -r requirements-ros.lock -w "$cache/wheels-$lock"
+    fi
     cp -a --reflink=auto "$cache/base" "$ready.part"
     mkdir -p "$ready.part/opt/wheels"
     cp "$cache/wheels-$lock"/*.whl "$run"/wheel/*.whl "$ready.part/opt/wheels/"
