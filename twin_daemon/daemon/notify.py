@@ -13,7 +13,7 @@ class Notifier:
     def __init__(self) -> None:
         self._address = os.environ.get("NOTIFY_SOCKET", "")
         watchdog_us = os.environ.get("WATCHDOG_USEC", "")
-        self._period_s = int(watchdog_us) / 2e6 if watchdog_us.isdigit() else None
+        self._period_s = int(watchdog_us) / 4e6 if watchdog_us.isdigit() else None
         self._next_s = 0.0
 
     def say(self, state: str) -> None:
@@ -33,7 +33,7 @@ class Notifier:
         self.say(f"RELOADING=1\nMONOTONIC_USEC={time.monotonic_ns() // 1000}")
 
     def alive(self) -> None:
-        """Feeds the watchdog, twice in its period. To be called from the loop that must not hang."""
+        """Feeds the watchdog, four times in its period: a busy machine may lose some. To be called from the loop that must not hang."""
         if self._period_s is not None and time.monotonic() >= self._next_s:
             self._next_s = time.monotonic() + self._period_s
             self.say("WATCHDOG=1")
