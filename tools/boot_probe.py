@@ -19,9 +19,12 @@ from twin_daemon.errors import TwinError
 PATIENCE_S = 60.0
 
 
-def main_pid() -> int:
-    command = ["systemctl", "show", "--property=MainPID", "--value", "twin-daemon"]
-    return int(subprocess.run(command, capture_output=True, text=True).stdout or 0)
+def ready_pid() -> int:
+    """The daemon's process once it is ready, else 0: questions before that would only take its time."""
+    command = ["systemctl", "show", "--property=MainPID,ActiveState", "twin-daemon"]
+    said = subprocess.run(command, capture_output=True, text=True).stdout
+    found = dict(line.split("=", 1) for line in said.splitlines())
+    return int(found["MainPID"]) if found.get("ActiveState") == "active" else 0
 
 
 def served() -> tuple[str, str] | None:
@@ -39,12 +42,13 @@ def main() -> int:
     if number:
         os.kill(before, signal.Signals(number))
     while time.monotonic() - began_s < PATIENCE_S:
-        if main_pid() not in (0, before if number else 0):
+        pid = ready_pid()
+        if pid and not (number and pid == before):
             found = served()
             if found is not None and found[1] == "following" and version in ("any", found[0]):
-                print(f"{time.monotonic() - began_s:.1f} {main_pid()} {found[0]}")
+                print(f"{time.monotonic() - began_s:.1f} {pid} {found[0]}")
                 return 0
-        time.sleep(0.05)
+        time.sleep(0.1)
     return 1
 
 
