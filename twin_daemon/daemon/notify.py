@@ -33,8 +33,7 @@ class Notifier:
         self.say(f"RELOADING=1\nMONOTONIC_USEC={time.monotonic_ns() // 1000}")
 
     def alive(self) -> None:
-        """Feeds the watchdog, four times in its period: a busy machine may lose some. To be called from the loop that
-        must not hang."""
+        """Feeds the watchdog, four times in its period, from the loop that must not hang."""
         if self._period_s is not None and time.monotonic() >= self._next_s:
             self._next_s = time.monotonic() + self._period_s
             self.say("WATCHDOG=1")
