@@ -16,14 +16,8 @@ def test_the_wheel_holds_what_page_and_service_are_made_of(tmp_path: Path) -> No
     assert done.returncode == 0, done.stderr
     (wheel,) = tmp_path.glob("*.whl")
     held = set(zipfile.ZipFile(wheel).namelist())
-<<<<<<< HEAD
     folders = ("twin_daemon/report/templates", "workbench/templates", "workbench/static")
     needed = {str(path.relative_to(ROOT)) for folder in folders for path in (ROOT / folder).iterdir()}
     needed |= {f"twin_daemon/_data/systemd/{path.name}" for path in (ROOT / "systemd").iterdir()}
     assert len(needed) > 20
-=======
-    needed = {str(path.relative_to(ROOT)) for path in (ROOT / "twin_daemon/report/templates").iterdir()}
-    needed |= {f"twin_daemon/_data/systemd/{path.name}" for path in (ROOT / "systemd").iterdir()}
-    assert len(needed) > 12
->>>>>>> f657a6971f37f1f4fd0a7ef30e277c8d820aa91d
     assert needed <= held
