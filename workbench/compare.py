@@ -49,8 +49,8 @@ class Compare:
         ]
 
     def _opened(self, request: Request) -> dict[str, Any]:
-        aligned = self._shelf.recording(self._path(request))
-        moving = aligned.moving
+        path = self._path(request)
+        aligned, moving = self._shelf.recording(path), self._shelf.moving(path)
         return {
             "name": aligned.recording.name,
             "samples": len(aligned.time_s),

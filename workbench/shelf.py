@@ -11,6 +11,8 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
+
 from twin_daemon.comparison.compare import Comparison, compare_recording
 from twin_daemon.errors import BadInput
 from twin_daemon.hand import Hand
@@ -42,6 +44,7 @@ class Shelf:
         self._lock = threading.Lock()
         self._recordings: OrderedDict[Hashable, Future[Aligned]] = OrderedDict()
         self._comparisons: OrderedDict[Hashable, Future[Comparison]] = OrderedDict()
+        self._moving: OrderedDict[Hashable, Future[np.ndarray]] = OrderedDict()
         self._twins: OrderedDict[Hashable, Future[TwinModel]] = OrderedDict()
 
     def version_id(self, reference: str) -> str:
@@ -55,6 +58,10 @@ class Shelf:
     def recording(self, path: Path) -> Aligned:
         """A recording with its commands. Raises BadInput, again at every question until the file is another one."""
         return self._once(self._recordings, _state_of(path), lambda: self._read(path), _MOST_RECORDINGS)
+
+    def moving(self, path: Path) -> np.ndarray:
+        """(j,) bool: the joints that move in a recording. Raises BadInput."""
+        return self._once(self._moving, _state_of(path), lambda: self.recording(path).moving, _MOST_RECORDINGS)
 
     def comparison(self, path: Path, version_id: str) -> Comparison | None:
         """The recording against the twin of a version; None while that is being computed. Raises BadInput."""
@@ -72,7 +79,7 @@ class Shelf:
 
         def read() -> None:
             with contextlib.suppress(BadInput):  # it is said to whoever opens it
-                self.recording(path)
+                self.moving(path)
 
         self._worker.submit(read)
 

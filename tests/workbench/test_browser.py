@@ -59,7 +59,8 @@ def test_the_story(workbench: Any, processes: Twin, browser: Browser, worn: Path
     daemon = processes.start("run")
     processes.start("hand", "--trajectory", "rich_finger")
     served = workbench("--recording", str(worn))
-    tab, viewer = browser.open(served.page), browser.open(served.address + "/")
+    viewer = browser.open(served.address + "/")
+    tab = browser.open(served.page)  # in front: a page behind another is drawn once a second
 
     tab.until(f"{shown('presence')} === 'following'", 60.0)
     tab.until(f"Number({mark('frames')}) > 20")
