@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import socket
 from pathlib import Path
 from typing import Annotated
@@ -53,6 +54,7 @@ def command(
     """
     from bridges.session import choose_endpoint
     from bridges.stop import on_termination
+    from twin_daemon.files import write_atomically
     from twin_daemon.resources import state_dir
     from twin_daemon.versions import VersionStore
     from workbench.allowance import LOOPBACK, new_token
@@ -93,7 +95,11 @@ def command(
         console = people()
         console.print(f"The workbench of {plain_text(chosen.description.namespace)}:", soft_wrap=True)
         console.print(f"  to look:  {plain_text(address)}", soft_wrap=True)
-        console.print(f"  to work:  {plain_text(address)}#token={token}", soft_wrap=True)
+        if os.environ.get("JOURNAL_STREAM"):  # a log is read by more people than may work
+            write_atomically(state_dir() / "workbench.token", f"{token}\n".encode(), mode=0o600)
+            console.print(f"  to work:  the same with #token= and what is in {state_dir() / 'workbench.token'}")
+        else:
+            console.print(f"  to work:  {plain_text(address)}#token={token}", soft_wrap=True)
         console.file.flush()
 
     with on_termination():
