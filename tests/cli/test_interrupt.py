@@ -29,6 +29,14 @@ def wait_for_a_best(terminal: int, timeout_s: float = 90.0) -> None:
             shown += os.read(terminal, 65536).decode(errors="replace")
 
 
+def drain(terminal: int, process: subprocess.Popen[str], timeout_s: float = 120.0) -> None:
+    """Reads on until the process ends: a terminal that nobody reads holds up whoever draws a bar on it."""
+    deadline = time.monotonic() + timeout_s
+    while process.poll() is None and time.monotonic() < deadline:
+        if select.select([terminal], [], [], 0.1)[0]:
+            os.read(terminal, 65536)
+
+
 def test_ctrl_c_keeps_the_best_and_stores_it(bag: Path, tmp_path: Path) -> None:
     report = tmp_path / "report.json"
     argv = ["calibrate", "--recording", str(bag), "--search", "random", "--budget", "1000000", "--json", str(report)]
@@ -43,6 +51,7 @@ def test_ctrl_c_keeps_the_best_and_stores_it(bag: Path, tmp_path: Path) -> None:
     try:
         wait_for_a_best(terminal)
         process.send_signal(signal.SIGINT)
+        drain(terminal, process)
         out, _ = process.communicate(timeout=60)
     finally:
         if process.poll() is None:

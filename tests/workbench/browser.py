@@ -8,6 +8,7 @@ import json
 import shutil
 import subprocess
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,7 @@ class Browser:
         self._tabs: list[Tab] = []
         self._port_file = folder / "DevToolsActivePort"
         self._control: ClientConnection | None = None
+        self._sockets = ExitStack()
 
     def __enter__(self) -> Browser:
         deadline_s = time.monotonic() + _START_S
@@ -45,7 +47,7 @@ class Browser:
             lines = self._port_file.read_text().splitlines() if self._port_file.exists() else []
             time.sleep(0.05)
         self._host = f"ws://127.0.0.1:{lines[0]}"
-        self._control = connect(self._host + lines[1], max_size=None)
+        self._control = self._sockets.enter_context(connect(self._host + lines[1], max_size=None))
         return self
 
     def open(self, address: str) -> Tab:
@@ -53,7 +55,8 @@ class Browser:
         self._control.send(json.dumps({"id": 1, "method": "Target.createTarget", "params": {"url": "about:blank"}}))
         while (answer := json.loads(self._control.recv(timeout=_START_S))).get("id") != 1:
             pass
-        tab = Tab(connect(f"{self._host}/devtools/page/{answer['result']['targetId']}", max_size=None))
+        page = f"{self._host}/devtools/page/{answer['result']['targetId']}"
+        tab = Tab(self._sockets.enter_context(connect(page, max_size=None)))
         self._tabs.append(tab)
         tab.go(address)
         return tab
@@ -61,8 +64,7 @@ class Browser:
     def __exit__(self, *_: object) -> None:
         for tab in self._tabs:
             tab.close()
-        if self._control is not None:
-            self._control.close()
+        self._sockets.close()
         self._process.terminate()
         self._process.wait(10)
 
