@@ -27,11 +27,12 @@ import zenoh
 from bridges import cdr
 from bridges.commander import Commander
 from bridges.session import open_client
+from twin_daemon.cli.children import free_port
 from twin_daemon.gate.identity import load_keyring
 from twin_daemon.gate.settings import GateSettings
 from twin_daemon.hand import load_hand
+from twin_daemon.resources import twin_command
 
-_MAIN = "import sys; from twin_daemon.cli.app import main; sys.exit(main())"
 _TELEOPERATE = "import sys; from bench.gate_kills import teleoperate; teleoperate(*sys.argv[1:])"
 _NETNS, _OUTER, _INNER = "twinbench", "10.213.7.1", "10.213.7.2"
 _SLACK_S = 0.1
@@ -65,9 +66,9 @@ class Scene:
         self._environment = environment
         self.processes: dict[str, subprocess.Popen[str]] = {}
         self.moves: list[tuple[float, np.ndarray]] = []
-        self.start("daemon", [sys.executable, "-c", _MAIN, "run"])
+        self.start("daemon", twin_command("run"))
         inside = ["ip", "netns", "exec", netns] if netns else []
-        self.start("hand", [*inside, sys.executable, "-c", _MAIN, "hand", "--trajectory", "none", "--rate", rate_hz])
+        self.start("hand", [*inside, *twin_command("hand", "--trajectory", "none", "--rate", rate_hz)])
         keys = folder / "keys.json"
         while not keys.exists():
             time.sleep(0.02)
@@ -153,7 +154,7 @@ def latency(times: int = 500) -> tuple[list[float], dict[str, float]]:
     """Seconds from an operator's streamed target to the command on the hand's key, beside joint states at 1 kHz; and
     what a target and a turn of the gate cost."""
     with tempfile.TemporaryDirectory() as folder:
-        scene = Scene(Path(folder), _free_port(), "127.0.0.1", None, "1000")
+        scene = Scene(Path(folder), free_port(), "127.0.0.1", None, "1000")
         try:
             scene.moving()
             scene.processes["commander"].kill()
@@ -178,14 +179,6 @@ def latency(times: int = 500) -> tuple[list[float], dict[str, float]]:
             return found, commander.status()["cost"]
         finally:
             scene.close()
-
-
-def _free_port() -> int:
-    import socket
-
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 def main() -> None:
@@ -213,7 +206,7 @@ def main() -> None:
             with tempfile.TemporaryDirectory() as folder:
                 if cut:
                     subprocess.run(["ip", "link", "set", "twinbench0", "up"], check=True)
-                scene = Scene(Path(folder), _free_port(), _OUTER if cut else "127.0.0.1", netns if cut else None)
+                scene = Scene(Path(folder), free_port(), _OUTER if cut else "127.0.0.1", netns if cut else None)
                 try:
                     scene.moving()
                     took_s, bounds[loss] = lose(scene, loss, netns)

@@ -15,7 +15,6 @@ import contextlib
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -31,11 +30,13 @@ import zenoh
 from bridges import cdr
 from bridges.client import ask
 from bridges.session import open_client
+from twin_daemon.cli.children import free_port
 from twin_daemon.daemon.messages import JointSample
 from twin_daemon.hand import load_hand
 from twin_daemon.plant import Plant
 from twin_daemon.plant.motions import rich
 from twin_daemon.plant.recording import record, simulate
+from twin_daemon.resources import twin_command
 
 _ECHO = """
 import sys, time, zenoh
@@ -50,7 +51,6 @@ while True:
     for _, payload, _ in inbox.take(timeout_s=0.05):
         publisher.put(cdr.encode(cdr.decode(payload)))
 """
-_TWIN = "import sys; from twin_daemon.cli.app import main; sys.exit(main())"
 _PHASE_S = 30.0
 _FAST_HZ, _USUAL_HZ = 1000.0, 125.0
 
@@ -58,12 +58,10 @@ _FAST_HZ, _USUAL_HZ = 1000.0, 125.0
 class Peer:
     """A process that answers joint states, at an endpoint of its own."""
 
-    def __init__(self, code: str, endpoint: str, arguments: list[str], state: Path) -> None:
+    def __init__(self, command: list[str], endpoint: str, state: Path) -> None:
         environment = {**os.environ, "TWIN_ENDPOINT": endpoint, "TWIN_STATE_DIR": str(state)}
         self.begun_s = time.monotonic()
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", code, *arguments], env=environment, stderr=subprocess.DEVNULL
-        )
+        self.process = subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL)
         self.usage = psutil.Process(self.process.pid)
         session = open_client(endpoint, 20.0)
         assert session is not None, "the peer does not listen"
@@ -136,7 +134,7 @@ def calibrating(folder: Path) -> Iterator[None]:
     hand = load_hand()
     path = folder / "busy.mcap"
     record(Plant(hand, seed=2, spread=0.2), rich(hand, seconds=20.0), path)
-    command = [sys.executable, "-c", _TWIN, "calibrate", "--recording", str(path), "--search", "random"]
+    command = twin_command("calibrate", "--recording", str(path), "--search", "random")
     process = subprocess.Popen(
         ["nice", "-n", "19", *command, "--budget", "1000000"],
         env={**os.environ, "TWIN_STATE_DIR": str(folder / "busy")},
@@ -167,13 +165,13 @@ def main() -> None:
     key = driver.description.key
     with tempfile.TemporaryDirectory() as name, contextlib.ExitStack() as stack:
         folder = Path(name)
-        endpoints = [f"tcp/127.0.0.1:{_free_port()}" for _ in range(2)]
-        daemon = Peer(_TWIN, endpoints[0], ["run"], folder / "state")
+        endpoints = [f"tcp/127.0.0.1:{free_port()}" for _ in range(2)]
+        daemon = Peer(twin_command("run"), endpoints[0], folder / "state")
         stack.callback(daemon.close)
         ask(daemon.session, key("state"), 10.0)
         print(f"first answer {time.monotonic() - daemon.begun_s:.2f} s after the daemon's start")
         names = [endpoints[1], key("joint_states"), key("twin_joint_states")]
-        echo = Peer(_ECHO, endpoints[1], names, folder / "state")
+        echo = Peer([sys.executable, "-c", _ECHO, *names], endpoints[1], folder / "state")
         stack.callback(echo.close)
 
         def phase(label: str, who: str, rate_hz: float, seconds: float) -> None:
@@ -218,12 +216,6 @@ def _summary(phases: list[dict[str, Any]]) -> dict[str, Any]:
         "core_share_at_125_hz": middle("usual rate", "daemon", "core_share"),
         "memory_growth_mb": of("quiet", "daemon", "memory_mb")[-1] - of("quiet", "daemon", "memory_mb")[0],
     }
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 if __name__ == "__main__":

@@ -13,7 +13,6 @@ import argparse
 import contextlib
 import os
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -24,9 +23,11 @@ from typing import Any
 import numpy as np
 import psutil
 
-from bench.live import _TWIN, Driver, Peer, _free_port
+from bench.live import Driver, Peer
 from bridges.client import ask
 from tests.workbench.browser import Browser, Tab, chromium
+from twin_daemon.cli.children import free_port
+from twin_daemon.resources import twin_command
 
 _FRAMES = "Number(document.documentElement.dataset.frames ?? 0)"
 
@@ -35,7 +36,7 @@ _FRAMES = "Number(document.documentElement.dataset.frames ?? 0)"
 def workbench(endpoint: str, folder: Path) -> Iterator[tuple[str, psutil.Process]]:
     """Its address and process."""
     environment = {**os.environ, "TWIN_ENDPOINT": endpoint, "TWIN_STATE_DIR": str(folder)}
-    command = [sys.executable, "-c", _TWIN, "workbench", "--port", "0"]
+    command = twin_command("workbench", "--port", "0")
     with ordinary():
         process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
@@ -86,8 +87,8 @@ def main() -> None:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
     driver, found = Driver(), {}
     with tempfile.TemporaryDirectory() as name, contextlib.ExitStack() as stack:
-        folder, endpoint = Path(name), f"tcp/127.0.0.1:{_free_port()}"
-        daemon = Peer(_TWIN, endpoint, ["run"], folder / "state")
+        folder, endpoint = Path(name), f"tcp/127.0.0.1:{free_port()}"
+        daemon = Peer(twin_command("run"), endpoint, folder / "state")
         stack.callback(daemon.close)
         ask(daemon.session, driver.description.key("state"), 20.0)
 

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-import json
 import logging
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Sequence
@@ -15,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import psutil
 
+from bridges.child import Child
 from bridges.guard import Guard
 from bridges.keep import Keeper
 from twin_daemon.daemon import reports
@@ -25,12 +21,10 @@ from twin_daemon.daemon.schedule import Schedule
 from twin_daemon.daemon.service import TwinService
 from twin_daemon.errors import TwinError
 from twin_daemon.recalibration.settings import RecalibrationSettings
-from twin_daemon.versions import VersionStore
+from twin_daemon.versions import VersionStore, promised_rad2
 
 log = logging.getLogger("twin")
 
-_TWIN = "import sys; from twin_daemon.cli.app import main; sys.exit(main())"
-_CLOSE_S = 5.0
 _MOVES_RAD_S = 0.05
 _IDLE_S = 10.0
 _PERIOD_S = 1.0
@@ -57,7 +51,7 @@ class Recalibrator:
         self._arguments = list(arguments)
         self.schedule = Schedule(settings, folder / "recalibration.json", datetime.now(UTC))
         self._probation = Probation(settings.probation_s, settings.worse)
-        self._process: subprocess.Popen[str] | None = None
+        self._child: Child | None = None
         self._began_s = self._kept_s = self._moved_s = time.monotonic()
         self._said = 0
         self._last: dict[str, Any] | None = None
@@ -81,7 +75,7 @@ class Recalibrator:
             "next": None if at is None else at.isoformat(),
             "motion_hours": self.schedule.motion_s / 3600.0,
             "drifting": list(self.schedule.drifting),
-            "running": self._process is not None,
+            "running": self._child is not None,
             "last": self._last,
         }
 
@@ -108,7 +102,7 @@ class Recalibrator:
                 self._said = event["stamp_ns"]
                 self.schedule.drifted(event["joint"])
         self._watch_version(now_s)
-        if self._process is not None:
+        if self._child is not None:
             self._take_up(now_s)
             return
         why = self.schedule.due(now)
@@ -124,19 +118,17 @@ class Recalibrator:
 
     def taken_up(self, version: dict[str, Any], before: Live) -> None:
         """The loop goes on with another version."""
-        errors = version.get("errors") or {}
-        promised = [(errors.get(name) or {}).get("mse_rad2") for name in ("holdout_after", "after")]
-        known = next((float(value) for value in promised if value is not None), None)
-        self._probation.begin(str(version["id"]), known, before, time.monotonic())
+        promised = promised_rad2(version.get("errors"))
+        self._probation.begin(str(version["id"]), promised, before, time.monotonic())
 
     def close(self) -> None:
         """Ends a run; the schedule is kept."""
         self._stop.set()
         self._thread.join()
         self.schedule.keep()
-        process, self._process = self._process, None
-        if process is not None:
-            _end(process)
+        child, self._child = self._child, None
+        if child is not None:
+            child.end()
 
     def _gate_is_free(self) -> bool:
         gate = self._service.gate
@@ -144,7 +136,7 @@ class Recalibrator:
 
     def _begin(self, why: str, drive: bool) -> str | None:
         with self._lock:
-            if self._process is not None:
+            if self._child is not None:
                 return "one is running"
             if drive:
                 source = ["--run", self._settings.trajectory, "--as", self._settings.identity]
@@ -154,40 +146,31 @@ class Recalibrator:
                     return str(kept["why"])
                 source = ["--recording", str(kept["path"])]
             joints = self.schedule.drifting
-            self._result = self._folder / "recalibration.result.json"
-            self._result.unlink(missing_ok=True)
-            command = [
-                sys.executable, "-c", _TWIN, "recalibrate", *source, *self._arguments, "--version",
-                str(self._service.version_info["id"]), "--within", str(self._settings.seconds),
-                *(["--joints", *joints] if joints else []),
-                *(["--promote"] if self._settings.policy == "automatic" else []), "--json", str(self._result),
+            arguments = [
+                "recalibrate", *source, *self._arguments, "--version", str(self._service.version_info["id"]),
+                "--within", str(self._settings.seconds), *(["--joints", *joints] if joints else []),
+                *(["--promote"] if self._settings.policy == "automatic" else []),
             ]  # fmt: skip
-            self._process = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
-            )
-            with contextlib.suppress(psutil.Error):
-                psutil.Process(self._process.pid).nice(self._settings.nice)
+            result = self._folder / "recalibration.result.json"
+            self._child = Child(*arguments, result=result, nice=self._settings.nice)
             self._began_s = time.monotonic()
         self.schedule.done(datetime.now(UTC))
         self._service.tell("recalibration", f"a recalibration has begun: {why}", {"why": why, "joints": list(joints)})
         return None
 
     def _take_up(self, now_s: float) -> None:
-        process = self._process
-        if process is None:
+        child = self._child
+        if child is None:
             return
-        if process.poll() is None:
+        if child.running:
             if now_s - self._began_s > self._settings.seconds + _HANGS_S:
-                _end(process)
+                child.end()
             return
-        _, said = process.communicate()
-        self._process = None
-        try:
-            found = json.loads(self._result.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            lines = said.strip().splitlines()
-            self._last = {"error": lines[-1][:500] if lines else f"exit code {process.returncode}"}
-            self._service.tell("recalibration", f"the recalibration failed: {self._last['error']}")
+        found = child.outcome()
+        self._child = None
+        if "error" in found:
+            self._last = found
+            self._service.tell("recalibration", f"the recalibration failed: {found['error']}")
             return
         self._last = {key: found[key] for key in ("version", "better", "promoted", "against", "appeared", "gain")}
         appeared = f"; {', '.join(found['appeared'])} has appeared" if found["appeared"] else ""
@@ -219,12 +202,3 @@ def live(service: TwinService) -> Live:
     if not seen.any():
         return Live(0.0, 0)
     return Live(float(statistics.mse_rad2[seen].mean()), int(statistics.samples.max()))
-
-
-def _end(process: subprocess.Popen[str]) -> None:
-    process.terminate()
-    try:
-        process.communicate(timeout=_CLOSE_S)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.communicate()

@@ -1,8 +1,9 @@
-"""Where the models, trajectories and the state of this installation are."""
+"""Where the models, trajectories, state and command of this installation are."""
 
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 import platformdirs
@@ -14,6 +15,11 @@ def _data_dir(name: str) -> Path:
     """The folder `name` beside the package in a checkout, or the copy that a wheel carries inside it."""
     inside = _PACKAGE / "_data" / name
     return inside if inside.is_dir() else _PACKAGE.parent / name
+
+
+def twin_command(*arguments: str) -> list[str]:
+    """The command that runs `twin ARGUMENTS` with this interpreter, whatever is on the PATH."""
+    return [sys.executable, "-c", "import sys; from twin_daemon.cli.app import main; sys.exit(main())", *arguments]
 
 
 def models_dir() -> Path:

@@ -8,7 +8,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -18,11 +17,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 from twin_daemon.errors import BadInput, Refused
+from twin_daemon.resources import twin_command
 
 Kind = Literal["diagnose", "add", "ladder"]
 Status = Literal["running", "done", "failed", "stopped"]
 
-_TWIN = "import sys; from twin_daemon.cli.app import main; sys.exit(main())"
 _NICE = 10  # below what is live, but somebody waits for it
 _PATIENCE_S = 5.0
 _INTERRUPTED = 130
@@ -66,9 +65,8 @@ class Jobs:
                 raise Refused(f"a {self._running.kind} is running", todo="Stop it, or wait until it has ended")
             number = next(self._numbers)
             target = Path(self._folder.name) / f"{number}.json"
-            command = [sys.executable, "-c", _TWIN, kind, *arguments, *self._hand, "--json", str(target)]
             process = subprocess.Popen(
-                command,
+                twin_command(kind, *arguments, *self._hand, "--json", str(target)),
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,

@@ -13,11 +13,10 @@ import time
 from pathlib import Path
 
 from tests.cli.test_offline import bag
+from twin_daemon.resources import twin_command
 from twin_daemon.versions import VersionStore
 
 __all__ = ["bag"]
-
-_MAIN = "import sys; from twin_daemon.cli.app import main; sys.exit(main())"
 
 
 def wait_for_a_best(terminal: int, timeout_s: float = 90.0) -> None:
@@ -42,7 +41,7 @@ def test_ctrl_c_keeps_the_best_and_stores_it(bag: Path, tmp_path: Path) -> None:
     argv = ["calibrate", "--recording", str(bag), "--search", "random", "--budget", "1000000", "--json", str(report)]
     terminal, end = pty.openpty()
     process = subprocess.Popen(
-        [sys.executable, "-c", _MAIN, *argv],
+        twin_command(*argv),
         env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "TERM": "xterm"},
         stdout=subprocess.PIPE,
         stderr=end,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -15,7 +14,8 @@ from typing import Any
 
 import pytest
 
-_MAIN = "import sys; from twin_daemon.cli.app import main; sys.exit(main())"
+from twin_daemon.cli.children import free_port
+from twin_daemon.resources import twin_command
 
 
 class Twin:
@@ -29,7 +29,7 @@ class Twin:
 
     def start(self, *arguments: str) -> subprocess.Popen[str]:
         process = subprocess.Popen(
-            [sys.executable, "-c", _MAIN, *arguments],
+            twin_command(*arguments),
             cwd=self._folder,
             env=self._environment,
             stdout=subprocess.PIPE,
@@ -71,12 +71,6 @@ def twin(tmp_path: Path) -> Iterator[Twin]:
     processes = Twin(tmp_path)
     yield processes
     processes.clean_up()
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 def until(condition: Any, timeout_s: float = 15.0) -> Any:

@@ -24,6 +24,7 @@ from tests.processes.conftest import Twin, until
 from twin_daemon.cli.app import main
 from twin_daemon.errors import BadInput
 from twin_daemon.recordings import load_recording
+from twin_daemon.resources import twin_command
 
 NS = "shadow_hand"
 RATE_HZ = 125
@@ -152,9 +153,8 @@ def test_a_terminal_sees_the_counts_of_each_topic(live: Live) -> None:
     ours, theirs = pty.openpty()
     environment = {**os.environ, "TWIN_ENDPOINT": live.twin.endpoint, "TERM": "xterm", "COLUMNS": "200"}
     environment["PYTHONPATH"] = os.pathsep.join(sys.path)
-    code = "import sys; from twin_daemon.cli.app import main; sys.exit(main())"
     process = subprocess.Popen(
-        [sys.executable, "-c", code, "record", "-o", "seen.mcap", "--seconds", "2.5"],
+        twin_command("record", "-o", "seen.mcap", "--seconds", "2.5"),
         cwd=live.folder, env=environment, stdout=subprocess.DEVNULL, stderr=theirs,
     )  # fmt: skip
     os.close(theirs)

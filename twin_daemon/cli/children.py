@@ -4,15 +4,22 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
-import sys
 from pathlib import Path
 from types import TracebackType
 
 from twin_daemon.errors import TwinError
+from twin_daemon.resources import twin_command
 
-_MAIN = "import sys; from twin_daemon.cli.app import main; sys.exit(main())"
 _PATIENCE_S = 5.0
+
+
+def free_port() -> int:
+    """A port of this machine that nothing listens at now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
 
 
 class Children:
@@ -27,7 +34,7 @@ class Children:
         """Starts one that works in the background."""
         with self._log(name).open("ab") as log:
             self._running[name] = subprocess.Popen(
-                [sys.executable, "-c", _MAIN, *arguments],
+                twin_command(*arguments),
                 env=self._environment,
                 stdin=subprocess.DEVNULL,
                 stdout=log,

@@ -5,14 +5,13 @@ from __future__ import annotations
 import json as json_module
 import shutil
 import signal
-import socket
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from twin_daemon.cli.children import Children
+from twin_daemon.cli.children import Children, free_port
 from twin_daemon.cli.console import emit_json, people, plain_text
 from twin_daemon.cli.options import Json, Seed
 
@@ -53,7 +52,7 @@ def command(
     folder = state_dir() / "demo"
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    endpoint = f"tcp/127.0.0.1:{_free_port()}"
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
     with Children(folder, {"TWIN_ENDPOINT": endpoint, "TWIN_STATE_DIR": str(folder)}) as children:
         console.print("[bold]1. A worn hand, and its twin beside it[/bold]")
         console.print(
@@ -244,9 +243,3 @@ def _next(console: Console, folder: Path, result: dict[str, Any]) -> None:
         "twin hand --hidden backlash:rh_FFJ3 &  twin run &  twin query state",
     ):
         console.print(f"   {line}", markup=False, soft_wrap=True)
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])

@@ -52,6 +52,7 @@ def command(
     """
     from twin_daemon.comparison.split import hold_out
     from twin_daemon.recalibration.recalibrate import recalibrate
+    from twin_daemon.versions import promised_rad2
 
     require_folder(json)
     if not recording and run is None:
@@ -71,7 +72,7 @@ def command(
             session.twin,
             train,
             held,
-            promised_rad2=_promised(session),
+            promised_rad2=promised_rad2(session.store.get(session.version).errors) if session.version else None,
             joints=joints or (),
             budget=budget,
             seconds=within,
@@ -88,17 +89,6 @@ def command(
     payload["wall_s"] = time.monotonic() - began
     _show(payload, found, json)
     emit_json(json, payload)
-
-
-def _promised(session: Session) -> float | None:
-    if session.version is None:
-        return None
-    errors = session.store.get(session.version).errors
-    for which in ("holdout_after", "after"):
-        value = (errors.get(which) or {}).get("mse_rad2")
-        if value is not None:
-            return float(value)
-    return None
 
 
 def _title(found: Recalibration) -> str:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from twin_daemon.daemon.messages import number
+from twin_daemon.versions.version import promised_rad2
 
 if TYPE_CHECKING:
     from twin_daemon.daemon.service import TwinService
@@ -94,20 +95,10 @@ def residual(service: TwinService) -> dict[str, Any]:
         "stamp_ns": service.stamp_ns,
         "window_s": service.settings.residual_window_s,
         "mse_rad2": number(mean),
-        "promoted_mse_rad2": _promoted_error(service.version_info),
+        "promoted_mse_rad2": promised_rad2(service.version_info.get("errors")),
         "joints": joints,
         "prediction": _prediction(service),
     }
-
-
-def _promoted_error(version: dict[str, Any]) -> float | None:
-    """rad^2: what the version showed on motion that it had not seen, else on what it was fitted to."""
-    errors = version.get("errors") or {}
-    for name in ("holdout_after", "after"):
-        value = (errors.get(name) or {}).get("mse_rad2")
-        if value is not None:
-            return float(value)
-    return None
 
 
 def health(service: TwinService) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from .diff import ParameterChange, VersionDiff, diff
 from .shelf import Stored
 from .store import Note, VersionStore
-from .version import Draft, ParameterRecord, RecordingUsed, Version, seal
+from .version import Draft, ParameterRecord, RecordingUsed, Version, promised_rad2, seal
 
 __all__ = [
     "Draft",
@@ -18,5 +18,6 @@ __all__ = [
     "VersionDiff",
     "VersionStore",
     "diff",
+    "promised_rad2",
     "seal",
 ]

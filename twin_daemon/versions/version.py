@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import platform
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from functools import cache
 from importlib import metadata
@@ -38,6 +39,17 @@ class RecordingUsed(_Strict):
 
     name: str
     sha256: str
+
+
+def promised_rad2(errors: Mapping[str, Any] | None) -> float | None:
+    """Mean squared error that a version's `errors` promise: on motion that it had not seen, else on what it was fitted
+    to. None where it was never judged.
+    """
+    for name in ("holdout_after", "after"):
+        value = ((errors or {}).get(name) or {}).get("mse_rad2")
+        if value is not None:
+            return float(value)
+    return None
 
 
 class Draft(_Strict):

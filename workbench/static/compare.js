@@ -5,7 +5,7 @@ import { dark, element, made, milli, number, read, row, say, works } from "./pag
 
 const LEFT = 64, RIGHT = 16, SHOWN = 4, AGAIN_MS = 400;
 const COLOURS = { measured: "#1b1f24", twins: ["#d9480f", "#0b7285"], residual: ["#1971c2", "#c2255c"], command: "#868e96" };
-let opened = null, shown = [], range = null, at = null, curves = {}, asking = null, generation = 0, following = false;
+let opened = null, shown = [], range = null, at = null, curves = {}, asking = null, later = 0, generation = 0, following = false;
 const plots = new Map(); // by joint
 
 const versions = () => [...new Set([element("version-a").value, element("version-b").value].filter(Boolean))];
@@ -22,7 +22,7 @@ export function start() {
   addEventListener("resize", cursor);
 }
 
-const failed = (error) => { if (error.name !== "AbortError") say(error.message); };
+const failed = (error) => say(error.message);
 
 export async function open() {
   const mine = ++generation, began = performance.now();
@@ -74,13 +74,16 @@ function choose(names) {
   }
 }
 
-// The range on the screen, asked for anew at each zoom: every sample where they are few enough.
+// The range on the screen, asked for anew at each zoom: every sample where they are few enough. The newest request
+// is the one that counts; one that it overtook ends quietly, whoever waits for it.
 async function window_() {
-  const mine = generation;
+  const mine = generation, request = new AbortController();
   asking?.abort();
-  asking = new AbortController();
-  const found = await read(`/api/window?${query([["from", range[0]], ["to", range[1]], ["lag_ms", element("lag").value || "0"], ...shown.map((name) => ["joint", name])])}`, asking.signal);
-  if (mine !== generation) return;
+  clearTimeout(later);
+  asking = request;
+  const wanted = query([["from", range[0]], ["to", range[1]], ["lag_ms", element("lag").value || "0"], ...shown.map((name) => ["joint", name])]);
+  const found = await read(`/api/window?${wanted}`, request.signal).catch((error) => { if (request === asking) throw error; });
+  if (mine !== generation || request !== asking) return;
   curves = found.curves;
   await Promise.all(shown.map(draw));
   element("reduced").textContent = found.exact ? "Every sample is drawn."
@@ -88,7 +91,7 @@ async function window_() {
   cursor();
   if (found.pending.length) {
     element("reduced").textContent += " The twin is being rolled out under the recorded commands ...";
-    setTimeout(() => { if (mine === generation) window_().catch(failed); }, AGAIN_MS);
+    later = setTimeout(() => { if (mine === generation) window_().catch(failed); }, AGAIN_MS);
   } else document.documentElement.dataset.compared = versions().join(" ");
 }
 
