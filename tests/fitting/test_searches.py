@@ -88,6 +88,24 @@ def test_a_budget_is_spent_to_the_last_evaluation_and_no_further(twin: TwinModel
     assert len(tracker.history) == 3
 
 
+def test_time_that_is_spent_ends_a_search_after_its_first_evaluation(twin: TwinModel, worn: Aligned) -> None:
+    problem = Problem(twin, [worn], knobs_of(SPACE, twin, ("rh_FFJ1", "rh_FFJ2", "rh_FFJ3")), ["rh_FFJ3"])
+    tracker = Tracker(problem, seconds=0.0)
+    tracker.cost(problem.start[None])
+    with pytest.raises(BudgetSpent):
+        tracker.cost(problem.start[None])
+
+
+@pytest.mark.parametrize("search", ["random", "least-squares"])
+def test_a_search_without_time_keeps_what_it_has_and_was_not_interrupted(
+    search: str, twin: TwinModel, worn: Aligned
+) -> None:
+    result = calibrate(twin, [worn], [], SPACE, search, budget=200, seconds=1e-3)
+    assert 0 < result.evaluations < 100
+    assert result.after_rad2 <= result.before_rad2
+    assert not result.interrupted
+
+
 def test_an_unknown_search_names_its_neighbour(twin: TwinModel, worn: Aligned) -> None:
     with pytest.raises(BadInput, match="Did you mean 'random'"):
         run("randm", twin, worn)

@@ -65,11 +65,13 @@ def calibrate(
     search: str,
     *,
     budget: int | None = None,
+    seconds: float | None = None,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Calibration:
     """Fits the space's parameters to the training recordings and judges them on the held-out ones.
 
+    The search ends after `budget` evaluations or `seconds` of the processor, whichever comes first.
     Raises BadInput where the search is unknown or nothing of the space moves. A KeyboardInterrupt ends the
     search and keeps the best point.
     """
@@ -96,7 +98,7 @@ def calibrate(
 
     interrupted = False
     try:
-        for stage, share in _stages(search, train, budget):
+        for stage, evaluations, time_s in _stages(search, train, budget, seconds):
             if found.units:
                 aligned = judged(current(), train, objective)[1]
             descends = search in DESCENTS
@@ -109,7 +111,7 @@ def calibrate(
                 free_onsets=descends and stage is not _polish,
                 prior_weight=space.anchor_rad,
             )
-            found.run(problems, stage, share, seed)
+            found.run(problems, stage, evaluations, seed, time_s)
     except KeyboardInterrupt:
         if not found.units:  # nothing has been evaluated yet: there is nothing to keep
             raise
@@ -132,17 +134,22 @@ def calibrate(
     )
 
 
-def _stages(search: str, train: Sequence[Aligned], budget: int | None) -> list[tuple[Search, int | None]]:
-    """The searches to run, each with its budget.
+def _stages(
+    search: str, train: Sequence[Aligned], budget: int | None, seconds: float | None
+) -> list[tuple[Search, int | None, float | None]]:
+    """The searches to run, each with its budget and its time.
 
     An estimated onset depends on the parameters and they on it: search, align anew, polish.
     """
     if search not in DESCENTS or not any(r.onset_free for r in train):
-        return [(SEARCHES[search], budget)]
-    if budget is None:
-        return [(SEARCHES[search], None), (_polish, None)]
-    last = int(_POLISH_SHARE * budget)
-    return [(SEARCHES[search], budget - last), (_polish, last)] if last else [(SEARCHES[search], budget)]
+        return [(SEARCHES[search], budget, seconds)]
+    last = None if budget is None else int(_POLISH_SHARE * budget)
+    if last == 0:
+        return [(SEARCHES[search], budget, seconds)]
+    first = None if budget is None or last is None else budget - last
+    last_s = None if seconds is None else _POLISH_SHARE * seconds
+    first_s = None if seconds is None or last_s is None else seconds - last_s
+    return [(SEARCHES[search], first, first_s), (_polish, last, last_s)]
 
 
 def _polish(tracker: Tracker, budget: int | None, seed: int) -> None:

@@ -25,16 +25,24 @@ class PartwiseSearch:
         self.history: list[float] = []
         self._progress = progress
 
-    def run(self, problems: Sequence[SubProblem], search: Search, budget: int | None, seed: int) -> None:
-        """Searches each sub-problem from what is known already, with its share of the budget.
+    def run(
+        self,
+        problems: Sequence[SubProblem],
+        search: Search,
+        budget: int | None,
+        seed: int,
+        seconds: float | None = None,
+    ) -> None:
+        """Searches each sub-problem from what is known already, with its share of the budget and of the time.
 
         A KeyboardInterrupt passes through, once the best point so far is kept.
         """
         share = None if budget is None else max(1, budget // len(problems))
+        time_share = None if seconds is None else seconds / len(problems)
         errors = [float(sub.problem.mse(sub.start(self.units)[None])[0]) * sub.weight for sub in problems]
         for index, sub in enumerate(problems):
             others = sum(errors) - errors[index]
-            tracker = Tracker(sub.restarted(self.units), self._reporter(sub.weight, others), share)
+            tracker = Tracker(sub.restarted(self.units), self._reporter(sub.weight, others), share, time_share)
             try:
                 # the searches' matrices are small: threads of a matrix product would mostly wait for each other
                 with contextlib.suppress(BudgetSpent), threadpool_limits(limits=1):

@@ -2,27 +2,37 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 
 import numpy as np
 
 from twin_daemon.fitting.problem import Problem
+from twin_daemon.simulation.rollout import thread_count
 
 Progress = Callable[[int, float], None]
 """Called after each batch with (evaluations so far, best mse in rad^2 so far)."""
 
 
 class BudgetSpent(Exception):
-    """The search has used all the evaluations it was given. What it found is in its tracker."""
+    """The search has used all the evaluations or all the time it was given. What it found is in its tracker."""
 
 
 class Tracker:
     """A problem that remembers. `history` is the best mse (rad^2) after each evaluation.
 
-    With a `budget` the evaluation after the last one that is allowed raises BudgetSpent.
+    With a `budget` the evaluation after the last one that is allowed raises BudgetSpent; with `seconds` the first
+    one after them. The processor's seconds count, over the threads that roll out: a search that has to wait for
+    others gets as far as one that has the machine for itself.
     """
 
-    def __init__(self, problem: Problem, progress: Progress | None = None, budget: int | None = None) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        progress: Progress | None = None,
+        budget: int | None = None,
+        seconds: float | None = None,
+    ) -> None:
         self.problem = problem
         self.best = problem.start
         self.best_mse = np.inf
@@ -30,9 +40,12 @@ class Tracker:
         self.history: list[float] = []
         self._progress = progress
         self._budget = budget
+        self._ends_s = np.inf if seconds is None else time.process_time() + seconds * thread_count()
 
     def residuals(self, points: np.ndarray) -> np.ndarray:
         """(B, m) residuals of points (B, p)."""
+        if self.history and time.process_time() > self._ends_s:
+            raise BudgetSpent
         points = np.clip(points, 0.0, 1.0)
         left = len(points) if self._budget is None else self._budget - len(self.history)
         if left < len(points):

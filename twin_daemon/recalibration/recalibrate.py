@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -12,7 +11,6 @@ from twin_daemon.fitting.spaces import Space, knobs_of, load_space
 from twin_daemon.fitting.tracker import Progress
 from twin_daemon.recalibration.decide import Decision, decide
 from twin_daemon.simulation.alignment import Aligned
-from twin_daemon.simulation.rollout import thread_count
 from twin_daemon.simulation.twin import TwinModel
 
 SPACE = "wear"
@@ -52,7 +50,8 @@ def recalibrate(
     """Refits the twin to what its hand does now.
 
     `promised_rad2` is the held-out error that the version showed when it was made; `joints` are those that drifted
-    (all that move without them). The search ends after `seconds` with the best so far.
+    (all that move without them). The searches end after `seconds` of the processor. A KeyboardInterrupt ends them too,
+    with the best so far and without a diagnosis.
     """
     space = _around(load_space(SPACE), joints)
     moving = tuple(name for i, name in enumerate(twin.joints) if any(r.moving[i] for r in train))
@@ -61,14 +60,17 @@ def recalibrate(
     after = twin
     fitted: Calibration
     for search, share in _SEARCHES:
+        time_s = None if seconds is None else share * seconds
         fitted = calibrate(
-            after, train, held, space, search, budget=budget, seed=seed, progress=_until(seconds, share, progress)
+            after, train, held, space, search, budget=budget, seconds=time_s, seed=seed, progress=progress
         )
         after = after.changed(fitted.terms)
+        if fitted.interrupted:
+            break
     decision = decide(twin, after, held, fitted.parameters, started, seed)
     bound_rad2 = _HALF * decision.before_rad2 if promised_rad2 is None else _PROMISE * promised_rad2
     enough = decision.after_rad2 <= bound_rad2
-    if enough and decision.better:
+    if fitted.interrupted or (enough and decision.better):
         return Recalibration(after, decision, fitted.parameters, fitted, None, ())
     say("parameters alone do not explain the change: looking for an effect that has appeared")
     ladder = climb(twin, train, held, max_steps=_MOST_EFFECTS, seed=seed, say=say)
@@ -78,22 +80,6 @@ def recalibrate(
             named = tuple(f"{step.effect} at {step.target}" for step in ladder.steps if step.effect is not None)
             return Recalibration(ladder.twin, other, ladder.parameters, fitted, ladder, named)
     return Recalibration(after, decision, fitted.parameters, fitted, ladder, ())
-
-
-def _until(seconds: float | None, share: float, progress: Progress | None) -> Progress:
-    """Reports on, and ends a search after its share of the time; it then keeps its best.
-
-    The processor's time counts, over the threads that roll out: at the lowest priority it may be slow, but not worse.
-    """
-    ends_s = float("inf") if seconds is None else time.process_time() + share * seconds * thread_count()
-
-    def report(count: int, best: float) -> None:
-        if progress is not None:
-            progress(count, best)
-        if time.process_time() > ends_s:
-            raise KeyboardInterrupt
-
-    return report
 
 
 def _around(space: Space, joints: Sequence[str]) -> Space:
