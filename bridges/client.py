@@ -14,6 +14,14 @@ from twin_daemon.errors import BadInput, NoAnswer
 _BETWEEN_TRIES_S = 0.05
 
 
+def connect(endpoint: str, timeout_s: float, name: str = "") -> zenoh.Session:
+    """A session with the daemon at `endpoint`, in the name of an identity. Raises NoAnswer when nobody is there."""
+    session = open_client(endpoint, timeout_s, name=name)
+    if session is None:
+        raise NoAnswer(f"nothing answered at {endpoint}", todo="Start the daemon with 'twin run'")
+    return session
+
+
 def ask(session: zenoh.Session, key: str, timeout_s: float = 3.0) -> dict[str, Any]:
     """The JSON object that answers `key`. Asks again until someone does; raises NoAnswer after `timeout_s`."""
     deadline_s = time.monotonic() + timeout_s
@@ -32,10 +40,5 @@ def ask(session: zenoh.Session, key: str, timeout_s: float = 3.0) -> dict[str, A
 def ask_once(endpoint: str, key: str, timeout_s: float = 3.0) -> dict[str, Any]:
     """Connects, asks, and leaves. Raises NoAnswer when nobody is there."""
     begin_s = time.monotonic()
-    session = open_client(endpoint, timeout_s)
-    if session is None:
-        raise NoAnswer(f"nothing answered at {endpoint}", todo="Start the daemon with 'twin run'")
-    try:
+    with connect(endpoint, timeout_s) as session:
         return ask(session, key, max(timeout_s - (time.monotonic() - begin_s), 0.1))
-    finally:
-        session.close()

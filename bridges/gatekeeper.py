@@ -7,13 +7,13 @@ import json
 import logging
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
 from queue import Empty, SimpleQueue
 from typing import Any
 
 import zenoh
 
+from bridges.durations import Durations
 from bridges.guard import Guard
 from bridges.outlet import Outlet
 from twin_daemon.gate.audit import AuditLog
@@ -28,7 +28,6 @@ log = logging.getLogger("twin.gate")
 Tell = Callable[[str, str, dict[str, Any]], None]
 _REPEAT_S = 1.0
 _IDLE_S = 0.5
-_SYNC_S = 1.0
 
 
 class Register:
@@ -104,7 +103,7 @@ class Gatekeeper:
         self._recalibrate = recalibrate
         self._key = lambda verb: description.key("command", verb=verb)
         self._guard = Guard(log)
-        self._spent_s = {what: deque[float](maxlen=2000) for what in ("turn", "request")}
+        self._turn_s, self._request_s = Durations(), Durations()
         self._outlet = Outlet(session, description)
         self._turned_s = time.monotonic()
         self._stop, self._wake = threading.Event(), threading.Event()
@@ -118,7 +117,7 @@ class Gatekeeper:
 
     def status(self) -> dict[str, Any]:
         """The gate's state, as `command/status` tells it to anybody."""
-        cost_s = {f"{what}_{name}_s": value for what, spent in self._spent_s.items() for name, value in _told(spent)}
+        cost_s = self._turn_s.told("turn") | self._request_s.told("request")
         return {"schema": 1, **self.gate.status(time.monotonic()), "errors": self._guard.errors, "cost": cost_s}
 
     def turns(self, within_s: float) -> bool:
@@ -145,15 +144,14 @@ class Gatekeeper:
         try:
             with query:
                 payload = b"" if query.payload is None else query.payload.to_bytes()
-                proof = None if query.attachment is None else Proof.decode(query.attachment.to_bytes()) or Proof("", "")
-                answer = self._answer(verb, payload, proof)
+                answer = self._answer(verb, payload, _proof(query.attachment))
                 query.reply(key, json.dumps(answer, allow_nan=False), encoding="application/json")
         except Exception as error:
             self._guard.failed(f"the answer to {verb}", error)
 
     def _streamed(self, sample: zenoh.Sample) -> None:
-        proof = None if sample.attachment is None else Proof.decode(sample.attachment.to_bytes()) or Proof("", "")
-        self._guard.run("a streamed target", self._answer, "target", sample.payload.to_bytes(), proof)
+        payload, proof = sample.payload.to_bytes(), _proof(sample.attachment)
+        self._guard.run("a streamed target", self._answer, "target", payload, proof)
 
     def _answer(self, verb: str, payload: bytes, proof: Proof | None) -> dict[str, Any]:
         began_s = time.thread_time()  # the processor's time: what others take of the machine is theirs
@@ -162,7 +160,15 @@ class Gatekeeper:
         try:
             request = read_request(verb, payload)
         except BadRequest as error:
-            return _refused(verb, "request", str(error), "the JSON of this request")
+            return {
+                "schema": 1,
+                "verb": verb,
+                "accepted": False,
+                "check": "request",
+                "why": str(error),
+                "allowed": "the JSON of this request",
+                "consequence": NOTHING_SENT,
+            }
         who = self._keyring.who(verb, payload, proof)
         answer = self.gate.ask(verb, request, who, time.monotonic(), time.time_ns())
         self._wake.set()
@@ -171,7 +177,7 @@ class Gatekeeper:
             if why is not None:
                 answer |= {"accepted": False, "check": "recalibration", "why": why, "consequence": "nothing changes"}
         if verb == "target":
-            self._spent_s["request"].append(time.thread_time() - began_s)
+            self._request_s.add(time.thread_time() - began_s)
         self._guard.run("the events", self._register.tell)
         if answer["accepted"] and verb not in ("target", "beat"):
             self._guard.run("the audit log", self._register.sync)
@@ -205,27 +211,13 @@ class Gatekeeper:
             command = self.gate.turn(now_s, time.time_ns())
             if command is not None:
                 self._outlet.send(command)
-                self._spent_s["turn"].append(time.thread_time() - began_s)
+                self._turn_s.add(time.thread_time() - began_s)
             self._register.tell()
         except Exception as error:
             self._guard.failed("a turn of the gate", error)
             self.gate.fault(f"the gate failed: {error!r:.200}", now_s)
 
 
-def _told(spent_s: deque[float]) -> list[tuple[str, float | None]]:
-    ordered = sorted(spent_s.copy())
-    return [
-        (name, ordered[int(q * (len(ordered) - 1))] if ordered else None) for name, q in (("p50", 0.5), ("p99", 0.99))
-    ]
-
-
-def _refused(verb: str, check: str, why: str, allowed: str) -> dict[str, Any]:
-    return {
-        "schema": 1,
-        "verb": verb,
-        "accepted": False,
-        "check": check,
-        "why": why,
-        "allowed": allowed,
-        "consequence": NOTHING_SENT,
-    }
+def _proof(attachment: zenoh.ZBytes | None) -> Proof | None:
+    """None where none was given; one that proves nothing where it cannot be read."""
+    return None if attachment is None else Proof.decode(attachment.to_bytes()) or Proof("", "")

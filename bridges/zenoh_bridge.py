@@ -6,13 +6,13 @@ import itertools
 import json
 import logging
 import time
-from collections import deque
 from collections.abc import Callable
 from typing import Any
 
 import zenoh
 
 from bridges import cdr
+from bridges.durations import Durations
 from bridges.guard import Guard
 from bridges.inbox import Inbox
 from bridges.ring import Ring
@@ -47,7 +47,7 @@ class ZenohBridge:
         self.inbox = Inbox()
         self._session = session
         self._key = service.hand.description.key
-        self._latency_s: deque[float] = deque(maxlen=2000)
+        self._latency = Durations()
         self._guard = Guard(log)
         self._publishers = {
             name: session.declare_publisher(
@@ -165,7 +165,7 @@ class ZenohBridge:
         if self._ros is not None:
             self._publishers["ros"].put(predicted, attachment=self._ros.attachment())
         sent_s = time.monotonic()
-        self._latency_s.append(sent_s - arrival_s)
+        self._latency.add(sent_s - arrival_s)
         self._ring.add("twin_joint_states", prediction.stamp_ns, predicted, sent_s)
 
     def _publish_events(self) -> None:
@@ -185,14 +185,11 @@ class ZenohBridge:
 
     def health(self) -> dict[str, Any]:
         """The service's health with that of the loop."""
-        latency = sorted(self._latency_s.copy())
         return self.service.health() | {
             "loop": {
                 "errors": self._guard.errors,
                 "dropped": self.inbox.dropped,
-                "latency_p50_s": _quantile(latency, 0.5),
-                "latency_p99_s": _quantile(latency, 0.99),
-                "latency_max_s": latency[-1] if latency else None,
+                **self._latency.told("latency"),
             }
         }
 
@@ -211,7 +208,3 @@ def _covering(keys: list[str]) -> str | None:
     letters = zip(*(key.rpartition("/")[2] for key in keys), strict=False)
     start = "".join(same[0] for same in itertools.takewhile(lambda column: len(set(column)) == 1, letters))
     return "/".join(filter(None, [parents.pop(), f"{start}$*" if start else "*"]))
-
-
-def _quantile(ordered: list[float], share: float) -> float | None:
-    return ordered[min(len(ordered) - 1, int(share * len(ordered)))] if ordered else None

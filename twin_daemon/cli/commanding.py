@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from twin_daemon.cli.run import load_named
-from twin_daemon.errors import NoAnswer, Refused
+from twin_daemon.errors import Refused
 from twin_daemon.resources import state_dir
 
 if TYPE_CHECKING:
@@ -47,21 +47,17 @@ def at_the_desk(
     hand: str | None, model: Path | None, namespace: str | None, endpoint: str | None, name: str
 ) -> Iterator[Desk]:
     """Connects to the daemon in the name of an identity. Raises NoAnswer, and BadInput for keys that are not there."""
+    from bridges.client import connect
     from bridges.commander import Commander
-    from bridges.session import choose_endpoint, open_client
+    from bridges.session import choose_endpoint
     from twin_daemon.gate.identity import keys_file, load_keyring
 
     chosen = load_named(hand, model, namespace)
     address = choose_endpoint(endpoint)
     path = keys_file(state_dir())
     keyring = load_keyring(path)
-    session = open_client(address, _PATIENCE_S, name=name)
-    if session is None:
-        raise NoAnswer(f"nothing answered at {address}", todo="Start the daemon with 'twin run'")
-    try:
+    with connect(address, _PATIENCE_S, name) as session:
         yield Desk(chosen, session, Commander(session, chosen.description, keyring, name))
-    finally:
-        session.close()
 
 
 def accepted(answer: dict[str, Any]) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from twin_daemon.cli.command import Group
 from twin_daemon.cli.commanding import As, Reason, accepted, at_the_desk, body_of, see_through
 from twin_daemon.cli.console import emit_json, people, plain_text, progress_console
 from twin_daemon.cli.options import HandName, Json, Model
-from twin_daemon.cli.run import Endpoint, Namespace
+from twin_daemon.cli.run import Endpoint, Namespace, load_named
 from twin_daemon.errors import UsageError
 
 if TYPE_CHECKING:
@@ -88,7 +88,6 @@ def trajectory(
     json: Json = None,
 ) -> None:
     """Go smoothly to the start of a trajectory, then along it. Ctrl-C ends the motion."""
-    from twin_daemon.cli.run import load_named
     from twin_daemon.signals.trajectory import load_trajectory
 
     plan = load_trajectory(reference, load_named(hand, model, namespace))
@@ -108,7 +107,6 @@ def stop(
     """Bring everything to rest and latch it: nothing is armed again before 'release'. Anybody may do it."""
     from bridges.commander import Commander
     from bridges.session import choose_endpoint, open_client
-    from twin_daemon.cli.run import load_named
     from twin_daemon.errors import NoAnswer
 
     address = choose_endpoint(endpoint)
@@ -148,7 +146,6 @@ def status(
     """Who has armed the hand, for how long, and what moves."""
     from bridges.client import ask_once
     from bridges.session import choose_endpoint
-    from twin_daemon.cli.run import load_named
 
     description = load_named(hand, model, namespace).description
     found = ask_once(choose_endpoint(endpoint), description.key("command", verb="status"))

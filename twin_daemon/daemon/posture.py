@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from twin_daemon.daemon.messages import number
+from twin_daemon.simulation.touches import touches
 from twin_daemon.simulation.twin import TwinModel
 
 
@@ -42,12 +43,11 @@ class Posture:
             },
             "contacts": [
                 {
-                    "bodies": [model.body(int(model.geom_bodyid[geom])).name for geom in contact.geom],
-                    "distance_m": number(contact.dist),
-                    "position_m": [number(x) for x in contact.pos],
+                    "bodies": [model.body(body).name for body in touch.bodies],
+                    "distance_m": number(touch.distance_m),
+                    "position_m": [number(x) for x in touch.position_m],
                 }
-                for contact in data.contact[: data.ncon]
-                if min(contact.geom) >= 0
+                for touch in touches(model, data)
             ],
             "tendons": {model.tendon(i).name or str(i): number(data.ten_length[i]) for i in range(model.ntendon)},
         }

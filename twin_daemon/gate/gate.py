@@ -104,20 +104,14 @@ class Gate:
         """Whether a request is accepted, and why not. None for `who` is somebody whose proof was wrong."""
         # planning takes time, and a stop must not wait for it
         with self._asking if verb in MOTION else contextlib.nullcontext():
-            with self._lock:
-                situation, generation = self._situation(who, now_s), self._generation
-                measured, planner = self._senses.pose, self._planner
             age_s = (wall_ns - request.stamp_ns) * 1e-9
             reason, lease_s = getattr(request, "reason", ""), getattr(request, "lease_s", None)
             asked = Asked(verb, who, request.session, request.sequence, age_s, reason, lease_s or self.settings.lease_s)
             dry = isinstance(request, (Move, Follow)) and request.dry_run
-            refusal = None
-            if dry:
-                refusal = identity_proved(asked, situation)
-            elif verb != "stop":  # anybody may stop: one that is refused for want of a key hurts
-                refusal = first_refusal(IDENTITY, asked, situation)
-                if refusal is None and who is not None:
-                    self._sequences[who.name] = request.sequence
+            with self._lock:
+                situation, generation = self._situation(who, now_s), self._generation
+                measured, planner = self._senses.pose, self._planner
+                refusal = self._identified(asked, situation, dry)
             if refusal is None and not dry:
                 refusal = first_refusal(ALLOWED[verb], asked, situation)
             if refusal is None and verb in MOTION:
@@ -132,6 +126,18 @@ class Gate:
                 found = None if motion is None else planner.rehearse(motion, situation.setpoint, measured)
                 return self._answer(asked, refusal, now_s) | {"dry_run": True, "rehearsal": found}
             return self._decide(asked, refusal, generation, now_s)
+
+    def _identified(self, asked: Asked, situation: Situation, dry: bool) -> Refusal | None:
+        """Who asks, and whether it is new. In one step with the look at the last sequence, under the lock: verbs are
+        asked in threads of their own, and of a request that comes twice only the first may count."""
+        if dry:
+            return identity_proved(asked, situation)
+        if asked.verb == "stop":  # anybody may stop: one that is refused for want of a key hurts
+            return None
+        refusal = first_refusal(IDENTITY, asked, situation)
+        if refusal is None and asked.who is not None:
+            self._sequences[asked.who.name] = asked.sequence
+        return refusal
 
     def _decide(self, asked: Asked, refusal: Refusal | None, generation: int, now_s: float) -> dict[str, Any]:
         with self._lock:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from twin_daemon.gate.shaper import Shaper
 from twin_daemon.hand import Hand, match
 from twin_daemon.signals.trajectory import RANGE_TOLERANCE_RAD, Trajectory
 
+Angle = TypeVar("Angle", float, np.ndarray)
 _ARRIVED_RAD = 1e-4
 _FASTEST_SHARE = 1.875  # of a minimum-jerk motion: its greatest velocity over its mean one
 
@@ -61,8 +63,11 @@ class Motion:
         return np.nan_to_num(np.abs(np.diff(self.table, axis=0)).max(axis=0) / self.dt_s)
 
 
-def commands_of(hand: Hand, targets: Mapping[str, float]) -> dict[str, float]:
-    """Targets by command: J1 and J2 together are their J0. Raises BadInput for what drives nothing or only half."""
+def commands_of(hand: Hand, targets: Mapping[str, Angle]) -> dict[str, Angle]:
+    """Targets by command: J1 and J2 together are their J0. A target is an angle, or an array of angles over time.
+
+    Raises BadInput for what drives nothing or only half.
+    """
     found: dict[str, str] = {}
     for name in targets:
         known = match(name, dict.fromkeys((*hand.commands, *hand.joints)))
@@ -71,7 +76,7 @@ def commands_of(hand: Hand, targets: Mapping[str, float]) -> dict[str, float]:
         if known in found:
             raise BadInput(f"'{known}' is named twice, as '{found[known]}' and as '{name}'", todo="Name it once")
         found[known] = name
-    out: dict[str, float] = {}
+    out: dict[str, Angle] = {}
     left = dict(found)
     for command, info in hand.description.commands.items():
         parts = [joint for joint in info.joints if joint in found]
@@ -86,7 +91,10 @@ def commands_of(hand: Hand, targets: Mapping[str, float]) -> dict[str, float]:
                 f"'{parts[0]}' without {missing}: one motor moves them together", todo=f"Name '{command}', their sum"
             )
         elif parts:
-            out[command] = sum(targets[found[joint]] for joint in parts)
+            together, *others = (targets[found[joint]] for joint in parts)
+            for other in others:
+                together = together + other
+            out[command] = together
         for joint in parts:
             left.pop(joint, None)
     if left:
@@ -136,34 +144,19 @@ def along(
 ) -> Motion:
     """From `begin` (c,) smoothly to the start of a trajectory, in `lead_s` or at a share of the velocity limits, then
     along it. Raises BadInput where it does not fit."""
+    if len(set(plan.joints)) < len(plan.joints):
+        raise BadInput("a joint is named twice", todo="Name each joint once")
     times = np.append(np.arange(0.0, plan.duration_s, dt_s), plan.duration_s)
     sampled = plan.sample(times)
-    columns = _command_columns(hand, plan.joints)
     table = np.full((len(times), len(limits.names)), np.nan)
-    for command, sources in columns.items():
-        table[:, limits.names.index(command)] = sampled[:, sources].sum(axis=1)
+    for command, column in commands_of(hand, dict(zip(plan.joints, sampled.T, strict=True))).items():
+        table[:, limits.names.index(command)] = column
     table = within_rounding(limits, table)
     if _outside(limits, table):
         return Motion("trajectory", plan.name, table, dt_s)
     start = dict(zip(limits.names, table[0].tolist(), strict=True))
     lead_in = smooth_move(limits, begin, start, lead_s, share, dt_s)
     return Motion("trajectory", plan.name, np.concatenate([lead_in.table, table[1:]]), dt_s)
-
-
-def _command_columns(hand: Hand, joints: Sequence[str]) -> dict[str, list[int]]:
-    index = {name: float(column) for column, name in enumerate(joints)}
-    if len(index) < len(joints):
-        raise BadInput("a joint is named twice", todo="Name each joint once")
-    commands_of(hand, index)  # refuses what is unknown, ambiguous or half
-    columns: dict[str, list[int]] = {}
-    for command, info in hand.description.commands.items():
-        direct = match(command, joints)
-        parts = [match(joint, joints) for joint in info.joints]
-        if direct is not None and (len(info.joints) == 1 or not any(parts)):
-            columns[command] = [list(joints).index(direct)]
-        elif all(part is not None for part in parts):
-            columns[command] = [list(joints).index(part) for part in parts if part is not None]
-    return columns
 
 
 def shaped(limits: Limits, begin: np.ndarray, motion: Motion, most_s: float = 3600.0) -> Iterator[np.ndarray]:

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from twin_daemon.hand import Hand
+from twin_daemon.simulation.touches import touches
 from twin_daemon.simulation.twin import TwinModel
 
 RESOLUTION_RAD = 0.05
@@ -104,12 +105,10 @@ class Preview:
         mujoco.mj_kinematics(model, data)
         mujoco.mj_collision(model, data)
         found: dict[tuple[int, int], float] = {}
-        for contact in range(data.ncon):
-            depth_m = -float(data.contact.dist[contact])
-            geoms = data.contact.geom[contact]
-            if depth_m > 0.0 and min(geoms) >= 0:
-                first, second = sorted(int(model.geom_bodyid[geom]) for geom in geoms)
-                found[first, second] = max(depth_m, found.get((first, second), 0.0))
+        for touch in touches(model, data):
+            if touch.distance_m < 0.0:
+                first, second = sorted(touch.bodies)
+                found[first, second] = max(-touch.distance_m, found.get((first, second), 0.0))
         return found
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from twin_daemon.gate.limits import Limits
 from twin_daemon.gate.motion import Motion, shaped
 from twin_daemon.simulation.rollout import settle_actuators
+from twin_daemon.simulation.touches import touches
 from twin_daemon.simulation.twin import TwinModel
 
 _SETTLE_S = 0.5
@@ -43,10 +44,10 @@ def rehearse(
         length = data.actuator_length[: len(mapping)]
         away = np.abs(data.ctrl[: len(mapping)] - length)
         error = np.maximum(error, np.where(motion.moved, mapping.T @ np.where(driven, away, 0.0), 0.0))
-        for contact in range(data.ncon):
-            geoms = data.contact.geom[contact]
-            if data.contact.dist[contact] < 0.0 and min(geoms) >= 0:
-                touched.add(tuple(sorted(model.body(int(model.geom_bodyid[geom])).name for geom in geoms)))  # type: ignore[arg-type]
+        for touch in touches(model, data):
+            if touch.distance_m < 0.0:
+                first, second = sorted(model.body(body).name for body in touch.bodies)
+                touched.add((first, second))
         duration_s += motion.dt_s
     moved = [i for i in range(len(mapping)) if mapping[i, motion.moved].any()]
     names = [limits.names[int(np.argmax(mapping[i]))] for i in moved]

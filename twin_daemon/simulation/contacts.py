@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from twin_daemon.simulation.submodel import Part, upwards
+from twin_daemon.simulation.touches import touches
 from twin_daemon.simulation.twin import TwinModel
 
 
@@ -52,6 +53,5 @@ def _touches(
             mujoco.mj_kinematics(model, data)
             mujoco.mj_comPos(model, data)
             mujoco.mj_collision(model, data)
-            for geoms in data.contact.geom[: data.ncon]:
-                pairs.add(frozenset(of_body[int(model.geom_bodyid[geom])] for geom in geoms))
+            pairs = {frozenset(of_body[body] for body in touch.bodies) for touch in touches(model, data)}
         yield pairs
