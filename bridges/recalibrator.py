@@ -28,6 +28,7 @@ log = logging.getLogger("twin")
 _MOVES_RAD_S = 0.05
 _IDLE_S = 10.0
 _PERIOD_S = 1.0
+_KEEP_S = 60.0  # so much motion is forgotten where the daemon is killed
 _HANGS_S = 6 * 3600.0  # at the lowest priority beside other work a run is slow; after this long it hangs
 
 
@@ -52,7 +53,7 @@ class Recalibrator:
         self.schedule = Schedule(settings, folder / "recalibration.json", datetime.now(UTC))
         self._probation = Probation(settings.probation_s, settings.worse)
         self._child: Child | None = None
-        self._began_s = self._kept_s = self._moved_s = time.monotonic()
+        self._began_s = self._looked_s = self._kept_s = self._moved_s = time.monotonic()
         self._said = 0
         self._last: dict[str, Any] | None = None
         self._lock = threading.Lock()
@@ -94,9 +95,12 @@ class Recalibrator:
         now_s, now = time.monotonic(), datetime.now(UTC)
         moving = bool((np.abs(self._service.mirror.velocity) > _MOVES_RAD_S).any()) and not self._service.stale
         if moving:
-            self.schedule.moved(min(now_s - self._kept_s, 2.0 * _PERIOD_S))
+            self.schedule.moved(min(now_s - self._looked_s, 2.0 * _PERIOD_S))
             self._moved_s = now_s
-        self._kept_s = now_s
+        self._looked_s = now_s
+        if now_s - self._kept_s > _KEEP_S:
+            self.schedule.keep()
+            self._kept_s = now_s
         for event in self._service.recent_events()["events"][-20:]:
             if event["kind"] == "drift" and event["stamp_ns"] > self._said:
                 self._said = event["stamp_ns"]
@@ -113,7 +117,7 @@ class Recalibrator:
             return  # later: somebody works with the hand
         refused = self._begin(why, drive)
         if refused is not None:
-            self.schedule.done(now)
+            self.schedule.postponed(now)
             self._service.tell("recalibration", f"no recalibration ({why}): {refused}")
 
     def taken_up(self, version: dict[str, Any], before: Live) -> None:

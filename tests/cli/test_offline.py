@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.simulation.made import FINGER, recorded, saved
+from tests.simulation.made import worn_finger
 from twin_daemon.cli.app import main
-from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
 from twin_daemon.versions import VersionStore
 
@@ -28,10 +27,7 @@ parameters:
 
 @pytest.fixture(scope="session")
 def bag(twin: TwinModel, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    damping = 4.0 * twin.parameter("rh_FFJ3.damping").read(twin.model)
-    worn = twin.changed(Terms(parameters={"rh_FFJ3.damping": damping}))
-    recording = recorded(worn, FINGER, np.random.default_rng(8))
-    return saved(recording, tmp_path_factory.mktemp("bags") / "finger.mcap")
+    return worn_finger(twin, tmp_path_factory.mktemp("bags") / "finger.mcap")
 
 
 @pytest.fixture

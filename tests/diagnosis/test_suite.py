@@ -15,7 +15,7 @@ from twin_daemon.effects import LIBRARY
 from twin_daemon.hand import load_hand
 from twin_daemon.plant import FOREIGN, parse_hidden
 
-_FEW = ("none-1", "actuator_lag-mild", "coulomb_friction-severe", "sensor_offset-mild")
+_FEW = ("none-1", "actuator_lag-mild", "sensor_offset-mild")
 
 
 def _diagnosed(name: str, folder: Path) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import pytest
 from bench.gate_streams import Stream
 from tests.gate.conftest import ANN, BOB, Rig
 from twin_daemon.errors import BadInput
+from twin_daemon.gate.requests import KINDS
 from twin_daemon.gate.sendable import Sendable
 from twin_daemon.simulation.twin import TwinModel
 
@@ -215,3 +217,13 @@ def test_commanders_do_not_interleave(rig: Rig) -> None:
     rig.ask("disarm")
     assert rig.ask("arm", BOB, reason="mine now")["accepted"]
     assert rig.ask("move", ANN, targets={"rh_FFJ3": 0.0})["check"] == "armed"
+
+
+def test_of_a_request_that_comes_twice_at_once_only_the_first_counts(rig: Rig) -> None:
+    rig.arm()
+    request = KINDS["beat"]
+    with ThreadPoolExecutor(8) as pool:
+        for sequence in range(100, 200):
+            same = request(session="now", sequence=sequence, stamp_ns=rig.wall_ns)
+            asked = [pool.submit(rig.gate.ask, "beat", same, ANN, rig.now_s, rig.wall_ns) for _ in range(8)]
+            assert sum(one.result()["accepted"] for one in asked) == 1

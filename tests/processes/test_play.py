@@ -89,7 +89,7 @@ def test_a_file_that_is_no_recording_is_refused(twin: Any, tmp_path: Path) -> No
 @pytest.mark.slow
 def test_the_demo_ends_by_itself_with_a_smaller_error(twin: Any, state_dir: Path) -> None:
     code, out, err = twin.finish(
-        twin.start("demo", "--record-seconds", "6", "--budget", "150", "--json", "-"), timeout_s=170.0
+        twin.start("demo", "--record-seconds", "6", "--budget", "60", "--json", "-"), timeout_s=170.0
     )
     assert code == 0, err
     result = json.loads(out)

@@ -78,6 +78,18 @@ def test_one_run_serves_all_and_the_next_keeps_its_distance(tmp_path: Path) -> N
     assert made.due(NOON + timedelta(minutes=11)) == "rh_MFJ3 drifted"
 
 
+def test_what_could_not_begin_stays_due_and_is_tried_again_later(tmp_path: Path) -> None:
+    made = schedule(tmp_path, on_drift=True, motion_hours=1.0, least_minutes=10.0)
+    made.done(NOON - hours(1))
+    made.drifted("rh_FFJ3")
+    made.moved(4000.0)
+    made.postponed(NOON)
+    assert made.due(NOON + timedelta(minutes=9)) is None
+    assert made.due(NOON + timedelta(minutes=11)) == "rh_FFJ3 drifted"
+    assert made.motion_s == 4000.0
+    assert made.due(NOON - timedelta(minutes=30)) == "rh_FFJ3 drifted", "a clock that was set back waits no longer"
+
+
 def test_a_clock_that_was_set_back_holds_nothing_up(tmp_path: Path) -> None:
     made = schedule(tmp_path, interval_hours=2.0)
     made.done(NOON + timedelta(days=1))

@@ -8,16 +8,14 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
-from tests.simulation.made import FINGER, recorded, saved
+from tests.simulation.made import worn_finger
 from twin_daemon.cli.app import main
 from twin_daemon.cli.diagnose import as_json
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding, FittedValue, Trial
 from twin_daemon.hand import load_hand
 from twin_daemon.jsonable import plain
-from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
 
 
@@ -28,11 +26,7 @@ def twin() -> TwinModel:
 
 @pytest.fixture(scope="session")
 def bag(twin: TwinModel, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """One finger whose base joint is damped four times as much as the model says."""
-    damping = 4.0 * twin.parameter("rh_FFJ3.damping").read(twin.model)
-    worn = twin.changed(Terms(parameters={"rh_FFJ3.damping": damping}))
-    recording = recorded(worn, FINGER, np.random.default_rng(8))
-    return saved(recording, tmp_path_factory.mktemp("bags") / "finger.mcap")
+    return worn_finger(twin, tmp_path_factory.mktemp("bags") / "finger.mcap")
 
 
 @pytest.fixture

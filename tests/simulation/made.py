@@ -13,6 +13,7 @@ from twin_daemon.recordings.writer import McapWriter
 from twin_daemon.signals.commands import CommandSignal
 from twin_daemon.simulation.alignment import resample
 from twin_daemon.simulation.rollout import roll_out
+from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
 
 Motion = Mapping[str, tuple[list[float], list[float]]]
@@ -73,3 +74,10 @@ def saved(recording: Recording, path: Path) -> Path:
             for stamp, row in zip(recording.commands.stamp_ns, recording.commands.position, strict=True):
                 bag.joint_commands(int(stamp), recording.commands.names, row)
     return path
+
+
+def worn_finger(twin: TwinModel, path: Path) -> Path:
+    """A bag of one finger whose base joint is damped four times as much as the model says."""
+    damping = 4.0 * twin.parameter("rh_FFJ3.damping").read(twin.model)
+    worn = twin.changed(Terms(parameters={"rh_FFJ3.damping": damping}))
+    return saved(recorded(worn, FINGER, np.random.default_rng(8)), path)

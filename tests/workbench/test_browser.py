@@ -7,11 +7,10 @@ import os
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from tests.processes.conftest import Twin
-from tests.simulation.made import FINGER, recorded, saved
+from tests.simulation.made import worn_finger
 from tests.workbench.browser import Browser, Tab
 from twin_daemon.hand import load_hand
 from twin_daemon.simulation.terms import Terms
@@ -23,11 +22,7 @@ NASTY = "<img src=x onerror=document.title='run'>"
 
 @pytest.fixture(scope="session")
 def worn(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """One finger whose base joint is damped four times as much as the model says."""
-    twin = TwinModel.load(load_hand())
-    damping = 4.0 * twin.parameter("rh_FFJ3.damping").read(twin.model)
-    recording = recorded(twin.changed(Terms(parameters={"rh_FFJ3.damping": damping})), FINGER, np.random.default_rng(8))
-    return saved(recording, tmp_path_factory.mktemp("bags") / "worn finger.mcap")
+    return worn_finger(TwinModel.load(load_hand()), tmp_path_factory.mktemp("bags") / "worn finger.mcap")
 
 
 def choose(tab: Tab, select: str, text: str) -> None:

@@ -30,13 +30,14 @@ class Schedule:
         self._cron = CronTrigger.from_crontab(settings.cron, timezone="UTC") if settings.cron else None
         self._drifting: tuple[str, ...] = ()
         self.last = now
+        self._not_before = now
         self.motion_s = 0.0
         try:
             kept = json.loads(path.read_text(encoding="utf-8"))
             self.last = datetime.fromisoformat(kept["last"])
             self.motion_s = float(kept["motion_s"])
         except FileNotFoundError:
-            self._keep()
+            self.keep()
         except (OSError, ValueError, KeyError, TypeError) as error:
             log.warning("the schedule in %s cannot be read and begins anew: %s", path, error)
 
@@ -60,7 +61,8 @@ class Schedule:
             return None
         if self.last > now + _LONGEST_AHEAD:
             self.last = now  # the clock was set back
-        if now - self.last < timedelta(minutes=self._settings.least_minutes):
+        least = timedelta(minutes=self._settings.least_minutes)
+        if now - self.last < least or timedelta(0) < self._not_before - now <= least:
             return None
         if self._drifting:
             return f"{', '.join(self._drifting)} drifted"
@@ -83,7 +85,11 @@ class Schedule:
     def done(self, now: datetime) -> None:
         """A run has begun: everything that was due is served by it."""
         self.last, self.motion_s, self._drifting = now, 0.0, ()
-        self._keep()
+        self.keep()
+
+    def postponed(self, now: datetime) -> None:
+        """A run that was due could not begin: what was due stays so, and is tried again after `least_minutes`."""
+        self._not_before = now + timedelta(minutes=self._settings.least_minutes)
 
     def in_words(self, now: datetime) -> str:
         """When the next run is, for people."""
@@ -103,10 +109,7 @@ class Schedule:
         return f"next recalibration ({settings.mode}) {when}" + (f"; not in {settings.quiet}" if settings.quiet else "")
 
     def keep(self) -> None:
-        """Writes the hours of motion; called now and then and at the end."""
-        self._keep()
-
-    def _keep(self) -> None:
+        """Writes the last run and the hours of motion; called now and then and at the end."""
         content = json.dumps({"schema": 1, "last": self.last.astimezone(UTC).isoformat(), "motion_s": self.motion_s})
         try:
             self._path.parent.mkdir(parents=True, exist_ok=True)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from twin_daemon.figures.style import REFERENCE, TWIN, styled
+from twin_daemon.figures.style import REFERENCE, TWIN, interval_bars, styled
 from twin_daemon.versions import VersionDiff
 
 _ROW_PX, _HEAD_PX = 34, 90
@@ -54,17 +54,16 @@ def _side(
     values: list[tuple[float | None, tuple[float, float] | None]],
     shown: bool,
 ) -> go.Scatter:
-    above = [ci[1] - value if ci and value is not None else 0.0 for value, ci in values]
-    below = [value - ci[0] if ci and value is not None else 0.0 for value, ci in values]
+    numbers, intervals = [value for value, _ in values], [ci95 for _, ci95 in values]
     return go.Scatter(
-        x=[value for value, _ in values],
+        x=numbers,
         y=labels,
         name=name,
         legendgroup=name,
         showlegend=shown,
         mode="markers",
         marker={"color": colour, "symbol": symbol, "size": 10},
-        error_x={"type": "data", "symmetric": False, "array": above, "arrayminus": below, "color": colour},
+        error_x=interval_bars(numbers, intervals, colour),
         hovertemplate="%{y}: %{x:.4g}",
     )
 

@@ -8,7 +8,7 @@ from datetime import timedelta
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from twin_daemon.figures.style import MEASURED, REFERENCE, RESIDUAL, TWIN, styled
+from twin_daemon.figures.style import MEASURED, REFERENCE, RESIDUAL, TWIN, interval_bars, styled
 from twin_daemon.versions.history import Point, Series
 
 _ROW_PX, _HEAD_PX = 200, 90
@@ -48,17 +48,16 @@ def _urgency(series: Series) -> tuple[bool, float, str]:
 
 
 def _points(name: str, points: Sequence[Point], colour: str, symbol: str, shown: bool) -> go.Scatter:
-    above = [p.ci95[1] - p.value if p.ci95 else 0.0 for p in points]
-    below = [p.value - p.ci95[0] if p.ci95 else 0.0 for p in points]
+    values = [p.value for p in points]
     return go.Scatter(
         x=[p.at for p in points],
-        y=[p.value for p in points],
+        y=values,
         name=name,
         legendgroup=name,
         showlegend=shown,
         mode="markers",
         marker={"color": colour, "symbol": symbol, "size": 8},
-        error_y={"type": "data", "symmetric": False, "array": above, "arrayminus": below, "color": colour},
+        error_y=interval_bars(values, [p.ci95 for p in points], colour),
         customdata=[p.version[:12] for p in points],
         hovertemplate="%{y:.4g} (%{customdata})",
     )

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import html
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import plotly.graph_objects as go
 
@@ -44,6 +46,16 @@ def styled(figure: go.Figure, title: str, *, height: int) -> go.Figure:
         legend={"orientation": "h", "y": 1.02, "yanchor": "bottom", "x": 1, "xanchor": "right"},
         margin={"l": 70, "r": 20, "t": 90, "b": 50},
     )
+
+
+def interval_bars(
+    values: Sequence[float | None], intervals: Sequence[tuple[float, float] | None], colour: str
+) -> dict[str, Any]:
+    """Error bars from each value to the ends of its interval; none where either is unknown."""
+    pairs = list(zip(values, intervals, strict=True))
+    above = [ends[1] - value if ends and value is not None else 0.0 for value, ends in pairs]
+    below = [value - ends[0] if ends and value is not None else 0.0 for value, ends in pairs]
+    return {"type": "data", "symmetric": False, "array": above, "arrayminus": below, "color": colour}
 
 
 def write_page(figure: go.Figure, path: Path) -> None:
