@@ -28,9 +28,9 @@ def configured(tmp_path: Path, **recalibration: Any) -> str:
 
 @pytest.mark.slow
 def test_a_hand_that_wears_gets_a_better_version(twin: Any, tmp_path: Path, state_dir: Path, until: Any) -> None:
-    config = configured(tmp_path, mode="passive", policy="automatic", seconds=8.0, nice=0, cron="0 3 * * mon")
+    config = configured(tmp_path, mode="passive", policy="automatic", seconds=4.0, nice=0, cron="0 3 * * mon")
     twin.start("run", "-c", config)
-    twin.start("hand", "--hidden", "viscous_friction:rh_FFJ3=0.4", "--trajectory", "hand_closing", "--spread", "0")
+    twin.start("hand", "--hidden", "viscous_friction:rh_FFJ3=0.4", "--trajectory", "rich_finger", "--spread", "0")
     session = open_client(twin.endpoint, 20.0)
     assert session is not None
     with session:
