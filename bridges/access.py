@@ -10,6 +10,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+from bridges.tls import shown_by_daemon
 from twin_daemon.errors import BadInput
 from twin_daemon.files import write_atomically
 from twin_daemon.gate.identity import ANONYMOUS, Keyring, keys_file, load_keyring
@@ -34,6 +35,12 @@ def credentials(name: str | None = None) -> tuple[str, str]:
     return name, keyring.password(name)
 
 
+def certified_access(keyring: Keyring, description: HandDescription) -> dict[str, Any]:
+    """The router's configuration where each identity shows its certificate. One whose identity was removed from the
+    keyring may do nothing, however long its certificate lasts."""
+    return {**shown_by_daemon(), "access_control": _rules(keyring, description, "cert_common_names")}
+
+
 def router_access(
     keyring: Keyring, description: HandDescription, passwords: Path, anonymous_looks: bool
 ) -> dict[str, Any]:
@@ -46,11 +53,13 @@ def router_access(
     write_atomically(passwords, lines.encode(), mode=0o600)
     return {
         "transport/auth/usrpwd": {"dictionary_file": str(passwords)},
-        "access_control": _rules(keyring, description),
+        "access_control": _rules(keyring, description, "usernames"),
     }
 
 
-def _rules(keyring: Keyring, description: HandDescription) -> dict[str, Any]:
+def _rules(keyring: Keyring, description: HandDescription, known_by: str) -> dict[str, Any]:
+    """`known_by` is what tells the identities apart: usernames, which the public one has too, or cert_common_names."""
+
     def command(verb: str) -> str:
         return description.key("command", verb=verb)
 
@@ -70,14 +79,15 @@ def _rules(keyring: Keyring, description: HandDescription) -> dict[str, Any]:
         _rule("stream", "ingress", ["put"], [command("target")]),
         _rule("speak", "ingress", ["put"], streams),
     ]
-    subjects: list[dict[str, Any]] = [{"id": "all"}]
+    anybody = {} if known_by == "usernames" else {known_by: list(keyring.names)}
+    subjects: list[dict[str, Any]] = [{"id": "all", **anybody}]
     policies: list[dict[str, Any]] = [
         {"rules": ["answers", "interest", "listen", "see", "ask"], "subjects": ["all"]},
     ]
     for role, allowed in {"operator": ["work", "command", "stream"], "hand": ["speak"]}.items():
         names = [name for name in keyring.names if keyring.role(name) == role]
         if names:
-            subjects.append({"id": role, "usernames": names})
+            subjects.append({"id": role, known_by: names})
             policies.append({"rules": allowed, "subjects": [role]})
     return {
         "enabled": True,

@@ -19,6 +19,7 @@ import zenoh
 
 from bridges.access import credentials
 from bridges.stop import Stoppable
+from bridges.tls import is_tls, shown_by_client
 from twin_daemon.errors import BadInput, UsageError
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
@@ -68,10 +69,12 @@ def open_client(
 
     None when `timeout_s` has passed (None: for ever) or `stop` is set. Once open, Zenoh itself reconnects.
     """
-    user, password = credentials(name)
-    # a router that asks for no password takes nobody who offers one: the two ways are tried in turn
-    login = {"transport/auth/usrpwd": {"user": user, "password": password}}
-    ways = itertools.cycle((None, login))
+    if is_tls(endpoint):
+        ways = itertools.cycle((shown_by_client(name),))
+    else:
+        user, password = credentials(name)
+        # a router that asks for no password takes nobody who offers one: the two ways are tried in turn
+        ways = itertools.cycle((None, {"transport/auth/usrpwd": {"user": user, "password": password}}))
     stop = stop or threading.Event()
     deadline_s = None if timeout_s is None else time.monotonic() + timeout_s
     while not stop.is_set():

@@ -10,7 +10,10 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
+
+import pytest
 
 from tests.cli.test_offline import bag
 from twin_daemon.resources import twin_command
@@ -36,6 +39,15 @@ def drain(terminal: int, process: subprocess.Popen[str], timeout_s: float = 120.
             os.read(terminal, 65536)
 
 
+@pytest.fixture
+def heard() -> Iterator[None]:
+    """Ctrl-C reaches the processes that a test starts, also where whoever started the tests ignores it (nohup, &)."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("heard")
 def test_ctrl_c_keeps_the_best_and_stores_it(bag: Path, tmp_path: Path) -> None:
     report = tmp_path / "report.json"
     argv = ["calibrate", "--recording", str(bag), "--search", "random", "--budget", "1000000", "--json", str(report)]

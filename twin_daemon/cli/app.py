@@ -50,6 +50,7 @@ COMMANDS: dict[str, Entry] = {
     "report": Entry("report", "One page with the comparison, the diagnosis, the ladder and the parameters.", OFFLINE),
     "effects": Entry("effects", "The library of physical effects; KEY explains one.", OFFLINE),
     "doctor": Entry("doctor", "What is missing on this machine.", STATE),
+    "security": Entry("security", "Who may join the hand's network: identities and their certificates.", STATE),
     "service": Entry("service", "The twin as a service of systemd: install, status, logs, uninstall.", STATE),
     "config": Entry("config", "The daemon's configuration: checked, shown with where each value came from.", STATE),
     "versions": Entry("versions", "What was learned: list, promote, roll back, history, verify, back up.", STATE),

@@ -10,6 +10,7 @@ import socket
 import sys
 import time
 from dataclasses import asdict, dataclass
+from datetime import UTC, datetime, timedelta
 from importlib import metadata
 from pathlib import Path
 from typing import Literal
@@ -23,6 +24,7 @@ _PACKAGES = ("mujoco", "eclipse-zenoh", "rosbags", "numpy", "scipy", "scikit-opt
 _ROS = ("rclpy", "sensor_msgs", "trajectory_msgs", "std_msgs")
 _FREE_BYTES = 500 * 2**20
 _YEAR_OF_RELEASE = 2025
+_SOON = timedelta(days=30)
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,7 @@ def command(endpoint: Endpoint = None, json: Json = None) -> int:
         _ros(),
         _port(choose_endpoint(endpoint)),
         *_state(),
+        *_certificates(),
         _clock(),
         _cores(),
     ]
@@ -103,8 +106,8 @@ def _port(endpoint: str) -> Finding:
     """Whether the daemon could listen where it would by default."""
     protocol, _, address = endpoint.partition("/")
     host, _, port = address.rpartition(":")
-    if protocol != "tcp" or not port.isdigit():
-        return Finding("endpoint", "note", f"{endpoint}: not looked at, only tcp is")
+    if protocol not in ("tcp", "tls") or not port.isdigit():
+        return Finding("endpoint", "note", f"{endpoint}: not looked at, only tcp and tls are")
     try:
         with socket.create_connection((host, int(port)), timeout=0.5):
             return Finding("endpoint", "ok", f"{endpoint}: somebody listens there, a twin or a router")
@@ -137,6 +140,26 @@ def _state() -> list[Finding]:
             f"{free / 2**30:.1f} GiB free",
             "" if free > _FREE_BYTES else "Recordings and versions need room",
         ),
+    ]
+
+
+def _certificates() -> list[Finding]:
+    """Those of `twin security`, where there are any: whether one ends soon."""
+    from bridges.authority import certificate_of
+    from bridges.tls import CERTIFICATE, security_dir
+
+    found = {folder.parent.name: certificate_of(folder.parent) for folder in security_dir().glob(f"*/{CERTIFICATE}")}
+    ends = {name: one.not_valid_after_utc for name, one in found.items() if one is not None}
+    if not ends:
+        return []
+    first = min(ends, key=lambda name: ends[name])
+    left = ends[first] - datetime.now(UTC)
+    text = f"{len(ends)}; the first that ends is that of {first}, {ends[first]:%Y-%m-%d}"
+    if left > _SOON:
+        return [Finding("certificates", "ok", text)]
+    level: Level = "note" if left > timedelta(0) else "problem"
+    return [
+        Finding("certificates", level, text, "Run 'twin security init', copy the folders again, restart the daemon")
     ]
 
 

@@ -53,7 +53,7 @@ def command(
     seconds: Seconds = None,
 ) -> int:
     """Run the live twin: follow the hand, predict it, measure the error, answer questions. Ends on SIGTERM."""
-    from bridges.access import router_access
+    from bridges.access import certified_access, router_access
     from bridges.diagnoser import Diagnoser
     from bridges.gatekeeper import Gatekeeper, Register
     from bridges.keep import Keeper
@@ -62,6 +62,7 @@ def command(
     from bridges.ros_keys import RosKeys
     from bridges.session import choose_endpoint, open_daemon, someone_serves
     from bridges.stop import Hangup, on_termination
+    from bridges.tls import is_tls
     from bridges.zenoh_bridge import ZenohBridge
     from twin_daemon.cli.reload import Reloader
     from twin_daemon.daemon.configuration import load_config
@@ -89,7 +90,16 @@ def command(
     keeper = Keeper(ring, chosen.description, state_dir() / "recordings", settings.daemon)
     with on_termination() as stop, contextlib.ExitStack() as stack:
         access = None
-        if settings.access is not None:
+        certified = settings.access is not None and settings.access.certificates
+        if certified != is_tls(address):
+            raise BadInput(
+                "certificates need a tls/ endpoint" if certified else "a tls/ endpoint needs certificates",
+                where=address,
+                todo="Set access: {certificates: true} and endpoint: tls/HOST:PORT together; see docs/security.md",
+            )
+        if certified:
+            access = certified_access(keyring, chosen.description)
+        elif settings.access is not None:
             looks = settings.access.anonymous == "look"
             access = router_access(keyring, chosen.description, folder / "passwords", looks)
         session, how = open_daemon(address, access)

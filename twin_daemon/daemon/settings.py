@@ -83,6 +83,10 @@ class AccessSettings(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     anonymous: Literal["look", "nothing"] = Field(default="look", description="what those without an identity may do")
+    certificates: bool = Field(
+        default=False,
+        description="true: nobody joins without a certificate of `twin security init`; the endpoint is then a tls/ one",
+    )
 
 
 class TwinConfig(BaseModel):

@@ -155,17 +155,18 @@ def inside_bounds(asked: Asked, situation: Situation) -> Refusal | None:
     limits, motion = situation.limits, asked.motion
     if motion is None:
         return None
-    for i, name in enumerate(limits.names):
-        # the first row of a longer table is where the hand is already
-        column = motion.table[1:, i] if len(motion.table) > 1 else motion.table[:, i]
-        beyond = column[(column < limits.lower[i]) | (column > limits.upper[i])]
-        if beyond.size:
-            return Refusal(
-                "bounds",
-                f"{name} would go to {beyond[np.argmax(np.abs(beyond))]:.4f} rad",
-                f"{limits.lower[i]:.4f} to {limits.upper[i]:.4f} rad",
-            )
-    return None
+    # the first row of a longer table is where the hand is already
+    table = motion.table[1:] if len(motion.table) > 1 else motion.table
+    beyond = (table < limits.lower) | (table > limits.upper)
+    if not beyond.any():
+        return None
+    i = int(np.argmax(beyond.any(axis=0)))
+    column = table[beyond[:, i], i]
+    return Refusal(
+        "bounds",
+        f"{limits.names[i]} would go to {column[np.argmax(np.abs(column))]:.4f} rad",
+        f"{limits.lower[i]:.4f} to {limits.upper[i]:.4f} rad",
+    )
 
 
 def not_too_fast(asked: Asked, situation: Situation) -> Refusal | None:

@@ -18,6 +18,7 @@ from twin_daemon.files import write_atomically
 
 Role = Literal["operator", "viewer", "hand"]
 ANONYMOUS = "anonymous"
+KEYS = "keys.json"
 _USUAL: dict[str, Role] = {"operator": "operator", "hand": "hand", "viewer": "viewer"}
 _Key = Annotated[str, Field(pattern=r"^[0-9a-f]{64,128}$")]
 
@@ -46,7 +47,7 @@ class _Identities(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     schema_: Literal[1] = Field(1, alias="schema")
-    identities: dict[Annotated[str, Field(pattern=r"^[A-Za-z0-9_.\-]{1,64}$")], Identity]
+    identities: dict[Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.\-]{0,63}$")], Identity]
 
 
 @dataclass(frozen=True)
@@ -102,6 +103,26 @@ class Keyring:
         """What `name` logs in with on the network; the key itself never leaves."""
         return hmac.new(bytes.fromhex(self._identities[name].key), b"zenoh", hashlib.sha256).hexdigest()
 
+    def only(self, name: str) -> Keyring:
+        """A keyring with one identity of this one."""
+        return Keyring({name: self._identities[name]})
+
+    def changed(self, name: str, identity: Identity | None) -> Keyring:
+        """With one identity added, or without it. Raises BadInput for a name that cannot be one."""
+        left = {known: one for known, one in self._identities.items() if known != name}
+        try:
+            read = _Identities(schema=1, identities=left | ({} if identity is None else {name: identity}))
+        except ValidationError:
+            raise BadInput(
+                f"'{name}' is no name", allowed="letters, digits and underscore, behind the first also dot and dash"
+            ) from None
+        return Keyring(read.identities)
+
+    def save(self, path: Path) -> None:
+        """Writes the file that `load_keyring` reads, for this user alone."""
+        made = {name: one.model_dump() for name, one in self._identities.items()}
+        write_atomically(path, json.dumps({"schema": 1, "identities": made}, indent=1).encode(), mode=0o600)
+
     def __contains__(self, name: str) -> bool:
         return name in self._identities
 
@@ -140,13 +161,18 @@ def ensure_keyring(path: Path) -> Keyring:
     """The identities of a file, which is made with one of each role where there is none yet."""
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        made = {name: {"role": role, "key": secrets.token_hex(32)} for name, role in _USUAL.items()}
-        content = json.dumps({"schema": 1, "identities": made}, indent=1)
-        write_atomically(path, content.encode(), mode=0o600)
+        Keyring({name: new_identity(role) for name, role in _USUAL.items()}).save(path)
     return load_keyring(path)
 
 
+def new_identity(role: Role) -> Identity:
+    """An identity with a key that nobody else has."""
+    return Identity(role=role, key=secrets.token_hex(32))
+
+
 def keys_file(state: Path) -> Path:
-    """TWIN_KEYS, or the file in the state folder."""
-    given = os.environ.get("TWIN_KEYS")
-    return Path(given) if given else state / "keys.json"
+    """TWIN_KEYS, or the file in the folder of TWIN_SECURITY where it has one, or that in the state folder."""
+    if given := os.environ.get("TWIN_KEYS"):
+        return Path(given)
+    carried = Path(os.environ.get("TWIN_SECURITY", "")) / KEYS
+    return carried if os.environ.get("TWIN_SECURITY") and carried.is_file() else state / KEYS
