@@ -88,6 +88,19 @@ class Driver:
 
     def phase(self, peer: Peer, rate_hz: float, seconds: float) -> dict[str, Any]:
         """One phase: answers' delays in ms, what was lost, the peer's share of a core and its memory in MB."""
+        delay_ms, share = self.delays(peer, rate_hz, seconds)
+        p50, p99 = np.nanpercentile(delay_ms, [50, 99])
+        return {
+            "sent": len(delay_ms),
+            "lost": int(np.isnan(delay_ms).sum()),
+            "p50_ms": float(p50),
+            "p99_ms": float(p99),
+            "core_share": share,
+            "memory_mb": peer.usage.memory_info().rss / 1e6,
+        }
+
+    def delays(self, peer: Peer, rate_hz: float, seconds: float) -> tuple[np.ndarray, float]:
+        """(each answer's delay in ms, NaN where none came; the peer's share of a core)."""
         count, period = int(seconds * rate_hz), 1.0 / rate_hz
         sent, got = np.zeros(count), np.full(count, np.nan)
         begin_ns = time.time_ns()
@@ -116,16 +129,7 @@ class Driver:
         share = (peer.cpu_s() - cpu_s) / elapsed
         subscriber.undeclare()
         publisher.undeclare()
-        delay_ms = 1e3 * (got - sent)
-        p50, p99 = np.nanpercentile(delay_ms, [50, 99])
-        return {
-            "sent": count,
-            "lost": int(np.isnan(got).sum()),
-            "p50_ms": float(p50),
-            "p99_ms": float(p99),
-            "core_share": share,
-            "memory_mb": peer.usage.memory_info().rss / 1e6,
-        }
+        return 1e3 * (got - sent), share
 
 
 @contextlib.contextmanager

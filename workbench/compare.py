@@ -75,7 +75,8 @@ class Compare:
         end_s = float(aligned.time_s[-1])
         begin_s, until_s = _number(request, "from", 0.0), _number(request, "to", end_s)
         lag_s = 1e-3 * _number(request, "lag_ms", 0.0)
-        comparisons = {version: self._shelf.comparison(path, version) for version in versions}
+        onset_s = _onset(request)
+        comparisons = {version: self._shelf.comparison(path, version, onset_s) for version in versions}
         first, last = np.searchsorted(aligned.time_s, [begin_s, until_s], side="left")
         # one sample beyond either end, so that the lines leave the chart
         chosen = slice(max(int(first) - 1, 0), min(int(last) + 2, len(aligned.time_s)))
@@ -119,7 +120,7 @@ class Compare:
         """Errors by joint, and by condition as a figure; `pending` while the twin is being rolled out."""
         path = self._path(request)
         (version,) = self._versions(request)[:1]
-        found = self._shelf.comparison(path, version)
+        found = self._shelf.comparison(path, version, _onset(request))
         if found is None:
             return {"pending": True}
         moving = {name: error for name, error in found.joints.items() if error.moves}
@@ -145,7 +146,7 @@ class Compare:
         """The residual of one joint over position and velocity, as a figure."""
         path, joint = self._path(request), request.query_params.get("joint", "")
         (version,) = self._versions(request)[:1]
-        found = self._shelf.comparison(path, version)
+        found = self._shelf.comparison(path, version, _onset(request))
         if found is None:
             return {"pending": True}
         if joint not in found.joints or not found.joints[joint].moves:
@@ -166,6 +167,11 @@ class Compare:
 def as_spec(one: Chart) -> dict[str, Any]:
     """A figure as the page draws it."""
     return {**json.loads(one.spec), "words": one.words, "height": one.height}
+
+
+def _onset(request: Request) -> float | None:
+    """s: when the commands begin, where the page says so."""
+    return _number(request, "onset_s", 0.0) if request.query_params.get("onset_s") else None
 
 
 def _number(request: Request, name: str, default: float) -> float:

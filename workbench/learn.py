@@ -13,12 +13,14 @@ from starlette.routing import BaseRoute
 from twin_daemon.diagnosis.verdict import IN_WORDS
 from twin_daemon.effects import LIBRARY
 from twin_daemon.errors import BadInput, nearest
+from twin_daemon.figures.effect import effect_figure
 from twin_daemon.figures.style import REFERENCE, TWIN, label, styled
 from twin_daemon.report.chart import chart
 from twin_daemon.report.finished import DiagnosisRead, LadderRead
 from twin_daemon.report.page import diagnosis_section, ladder_chart
 from twin_daemon.signals.trajectory import load_trajectory
 from twin_daemon.simulation.rollout import roll_out
+from twin_daemon.simulation.signature import signature
 from workbench.app import posting, reading
 from workbench.compare import as_spec
 from workbench.jobs import Job, Jobs, Kind
@@ -40,6 +42,7 @@ class Learn:
     def routes(self) -> list[BaseRoute]:
         return [
             reading("/api/effects", lambda _: self._effects()),
+            reading("/api/effect", self._effect),
             reading("/api/job", self._job),
             reading("/api/experiment", lambda _: self._experiment()),
             posting("/api/job/diagnose", self._diagnose),
@@ -100,6 +103,14 @@ class Learn:
         ]
         nominal = self._shelf.nominal
         return {"effects": effects, "places": list(dict.fromkeys([*nominal.joints, *nominal.actuators, "hand"]))}
+
+    def _effect(self, request: Request) -> dict[str, Any]:
+        """What a typical amount of an effect does to a motion of the model. Nothing moves."""
+        key, place = (request.query_params.get(name, "") for name in ("effect", "place"))
+        found = signature(self._shelf.nominal, key, self._place(place))
+        amounts = ", ".join(f"{name} {value:.3g}" for name, value in found.values.items())
+        words = f"A motion of {found.name} as commanded, without {key} and with it ({amounts}); below the difference."
+        return {"figure": as_spec(chart("effect", effect_figure(key, found), words)), "words": words}
 
     def _job(self, request: Request) -> dict[str, Any]:
         """The last job of a kind: what it said after line `after` and, when it has ended, what came of it."""

@@ -9,6 +9,7 @@ from collections.abc import Callable
 import uvicorn
 from starlette.applications import Starlette
 
+from twin_daemon.daemon.notify import Notifier
 from twin_daemon.errors import BadInput
 
 _GRACE_S = 3  # for answers that are on their way when the server stops
@@ -28,7 +29,8 @@ def listen(address: str, port: int) -> socket.socket:
 
 
 def serve(app: Starlette, listener: socket.socket, seconds: float | None, ready: Callable[[], None]) -> None:
-    """Serves until SIGTERM, SIGINT, or so many seconds have passed. `ready` is called when requests are answered."""
+    """Serves until SIGTERM, SIGINT, or so many seconds have passed. `ready` is called when requests are answered; the
+    service manager is told then too, and while the loop turns."""
     config = uvicorn.Config(
         app,
         log_level="warning",
@@ -56,11 +58,21 @@ class _Server(uvicorn.Server):
     def __init__(self, config: uvicorn.Config, ready: Callable[[], None]) -> None:
         super().__init__(config)
         self._ready = ready
+        self._notifier = Notifier()
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
         if self.started:
             self._ready()
+            self._notifier.say("READY=1")
+
+    async def on_tick(self, counter: int) -> bool:
+        self._notifier.alive()
+        return await super().on_tick(counter)
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        self._notifier.say("STOPPING=1")
+        await super().shutdown(sockets)
 
     def end(self) -> None:
         self.should_exit = True

@@ -8,6 +8,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -63,13 +64,23 @@ class Shelf:
         """(j,) bool: the joints that move in a recording. Raises BadInput."""
         return self._once(self._moving, _state_of(path), lambda: self.recording(path).moving, _MOST_RECORDINGS)
 
-    def comparison(self, path: Path, version_id: str) -> Comparison | None:
-        """The recording against the twin of a version; None while that is being computed. Raises BadInput."""
-        key = (*_state_of(path), version_id)
+    def comparison(self, path: Path, version_id: str, onset_s: float | None = None) -> Comparison | None:
+        """The recording against the twin of a version; None while that is being computed. Raises BadInput.
+
+        `onset_s` is when the commands begin, where somebody knows better than the estimate.
+        """
+        key = (*_state_of(path), version_id, onset_s)
+
+        def compared() -> Comparison:
+            aligned = self.recording(path)
+            if onset_s is not None and aligned.onset_free:
+                aligned = replace(aligned, onset_s=onset_s, onset_free=False)
+            return compare_recording(self.twin(version_id), aligned)
+
         with self._lock:
             future = self._comparisons.get(key)
             if future is None:
-                future = self._worker.submit(lambda: compare_recording(self.twin(version_id), self.recording(path)))
+                future = self._worker.submit(compared)
                 self._keep(self._comparisons, key, future, _MOST_COMPARISONS)
             self._comparisons.move_to_end(key)
         return future.result() if future.done() else None

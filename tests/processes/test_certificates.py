@@ -19,6 +19,7 @@ from bridges.authority import Authority
 from bridges.client import ask
 from bridges.commander import Commander
 from bridges.session import open_client, session_config
+from twin_daemon.cli.app import main
 from twin_daemon.daemon.messages import JointSample
 from twin_daemon.errors import NoAnswer
 from twin_daemon.gate.identity import load_keyring
@@ -32,8 +33,8 @@ def guarded(twin: Any, tmp_path: Path, state_dir: Path, monkeypatch: pytest.Monk
     """A daemon that takes nobody without a certificate; `ann`, a viewer, has been added beside the usual ones."""
     twin.endpoint = twin.endpoint.replace("tcp/", "tls/")
     twin._environment["TWIN_ENDPOINT"] = twin.endpoint
-    assert twin.run("security", "init")[0] == 0
-    assert twin.run("security", "add", "ann")[0] == 0
+    assert main(["security", "init"]) == 0
+    assert main(["security", "add", "ann"]) == 0
     monkeypatch.setattr("bridges.commander._PATIENCE_S", 1.0)
     config = tmp_path / "twin.yaml"
     config.write_text(yaml.safe_dump({"access": {"certificates": True}, "gate": {"state_timeout_s": 5.0}}))

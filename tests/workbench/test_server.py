@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import socket
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,8 +15,10 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from tests.processes.conftest import Twin, until
+from tests.processes.manager import Manager
 from tests.simulation.made import FINGER, recorded, saved
 from twin_daemon.hand import load_hand
+from twin_daemon.signals.trajectory import load_trajectory
 from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
 from twin_daemon.versions import Draft, ParameterRecord, VersionStore
@@ -199,3 +202,47 @@ def test_a_window_is_reduced_with_its_peaks_and_exact_when_small(workbench: Any,
     assert later["twins"]["nominal"][1:] == pytest.approx(curve["twins"]["nominal"][:-1], abs=1e-4)
     for wrong in ("&from=nan", "&joint=nobody", "&version=a&version=b&version=c", "&lag_ms=much"):
         assert served.ask(f"/api/window?{query}{wrong}")[0] == 400
+
+
+@pytest.fixture
+def manager(monkeypatch: pytest.MonkeyPatch) -> Iterator[Manager]:
+    made = Manager()
+    monkeypatch.setenv("NOTIFY_SOCKET", made.name)
+    monkeypatch.setenv("WATCHDOG_USEC", "400000")
+    yield made
+    made.socket.close()
+
+
+def test_the_service_manager_hears_that_it_is_ready_alive_and_stopping(manager: Manager, workbench: Any) -> None:
+    served = workbench()
+    assert manager.hear("READY=1") == ["READY=1"]
+    assert len(manager.hear("WATCHDOG=1")) == 1
+    manager.waiting()
+    assert served.end() == 0
+    assert "STOPPING=1" in manager.waiting()
+
+
+def test_the_onset_is_estimated_until_somebody_knows_better(workbench: Any, tmp_path: Path) -> None:
+    hand = load_hand()
+    plan = load_trajectory("hand_closing", hand).by_command(hand)
+    motion = {
+        name: (plan.times_s.tolist(), column.tolist())
+        for name, column in zip(plan.joints, plan.positions.T, strict=True)
+    }
+    made = recorded(
+        TwinModel.load(hand), motion, np.random.default_rng(1), seconds=4.0, commands=False, late_s=0.5, name="late"
+    )
+    saved(made, tmp_path / "late.mcap")
+    served = workbench("--recording", str(tmp_path / "late.mcap"), "--trajectory", "hand_closing")
+    (offer,) = served.ask("/api/recordings")[1]["recordings"]
+
+    def errors(more: str = "") -> dict[str, Any]:
+        path = f"/api/errors?recording={offer['id']}&version=nominal{more}"
+        return until(lambda: (found := served.ask(path)[1]) and not found.get("pending") and found, 60.0)
+
+    estimated, given = errors(), errors("&onset_s=0.8")
+    assert estimated["onset_estimated"]
+    assert estimated["onset_s"] == pytest.approx(0.5, abs=0.02)
+    assert (given["onset_s"], given["onset_estimated"]) == (0.8, False)
+    assert given["mse_rad2"] > 10.0 * estimated["mse_rad2"]
+    assert served.ask(f"/api/errors?recording={offer['id']}&version=nominal&onset_s=soon")[0] == 400

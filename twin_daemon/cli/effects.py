@@ -4,27 +4,42 @@ from __future__ import annotations
 
 import difflib
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from twin_daemon.cli.console import emit_json, people
-from twin_daemon.cli.options import Json
-from twin_daemon.errors import BadInput, nearest
+from twin_daemon.cli.options import HandName, Json, Model
+from twin_daemon.cli.run import load_named
+from twin_daemon.errors import BadInput, UsageError, nearest
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from twin_daemon.effects.base import Effect
+    from twin_daemon.hand import Hand
 
 Key = Annotated[str | None, typer.Argument(metavar="[KEY]", help="Explain this effect.")]
 
 
-def command(key: Key = None, json: Json = None) -> None:
+def command(
+    key: Key = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option("--plot", metavar="FILE.html", help="Draw what it does to a motion, with and without."),
+    ] = None,
+    place: Annotated[str, typer.Option("--at", metavar="PLACE", help="Joint or command of the drawing.")] = "",
+    hand: HandName = None,
+    model: Model = None,
+    json: Json = None,
+) -> None:
     """The library of physical effects, cheapest explanation first; with KEY, one effect in full."""
     from twin_daemon.effects import LIBRARY
 
     console = people(json)
+    if plot is not None and key is None:
+        raise UsageError("--plot draws one effect", todo="Name it: twin effects KEY --plot FILE.html")
     if key is None:
         _table(console, list(LIBRARY.values()))
         emit_json(json, {"effects": [_plain(effect) for effect in LIBRARY.values()]})
@@ -32,7 +47,22 @@ def command(key: Key = None, json: Json = None) -> None:
     if key not in LIBRARY:
         raise BadInput(f"no effect '{key}'", todo=nearest_effect(key, list(LIBRARY)))
     _explain(console, LIBRARY[key])
+    if plot is not None:
+        _draw(LIBRARY[key], place, load_named(hand, model, None), plot)
     emit_json(json, {"effect": _plain(LIBRARY[key])})
+
+
+def _draw(effect: Effect, place: str, hand: Hand, path: Path) -> None:
+    from twin_daemon.figures.effect import effect_figure
+    from twin_daemon.figures.style import write_page
+    from twin_daemon.simulation.signature import signature
+    from twin_daemon.simulation.twin import TwinModel
+
+    twin = TwinModel.load(hand)
+    target = place or next(
+        (name for name in ("hand", *twin.actuators, *twin.joints) if effect.applies(twin.place(name))), ""
+    )
+    write_page(effect_figure(effect.key, signature(twin, effect.key, target)), path)
 
 
 def nearest_effect(key: str, known: list[str]) -> str:

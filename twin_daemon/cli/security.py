@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import socket
 from datetime import UTC, datetime
@@ -47,6 +48,7 @@ def init(
     authority.issue(DAEMON, [*_LOOPBACK, socket.gethostname(), *(host or [])], renew=renew)
     for name in keyring.names:
         _issue(keyring, name, renew=renew)
+    _give_to_the_daemon()
     found = _known(keyring)
     emit_json(json, found)
     _show(found, json)
@@ -73,6 +75,7 @@ def add(
     keyring = keyring.changed(name, new_identity(role))
     keyring.save(path)
     _issue(keyring, name)
+    _give_to_the_daemon()
     emit_json(json, _known(keyring))
     people(json).print(plain_text(f"{name} ({role}) is in {security_dir() / name}; restart the daemon to let it in"))
 
@@ -119,6 +122,16 @@ def _issue(keyring: Keyring, name: str, *, renew: bool = False) -> None:
 
     Authority(security_dir()).issue(name, renew=renew)
     keyring.only(name).save(security_dir() / name / KEYS)
+
+
+def _give_to_the_daemon() -> None:
+    """What root has made belongs to whom the state folder belongs to: the service's user, who has to read it."""
+    from bridges.tls import security_dir
+
+    owner = state_dir().stat()
+    if os.geteuid() == 0 and owner.st_uid != 0:
+        for path in (security_dir(), *security_dir().rglob("*")):
+            os.chown(path, owner.st_uid, owner.st_gid)
 
 
 def _known(keyring: Keyring) -> dict[str, Any]:

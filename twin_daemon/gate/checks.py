@@ -188,7 +188,7 @@ def no_jump(asked: Asked, situation: Situation) -> Refusal | None:
     motion, most_rad = asked.motion, situation.settings.jump_rad
     if motion is None:
         return None
-    away = np.nan_to_num(np.abs(motion.table[-1] - situation.setpoint))
+    away = np.fmax(np.abs(motion.table[-1] - situation.setpoint), 0.0)
     worst = int(np.argmax(away))
     if away[worst] <= most_rad:
         return None

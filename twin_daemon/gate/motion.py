@@ -60,7 +60,7 @@ class Motion:
         """(c,) rad/s: the greatest velocity that the plan itself asks for; 0 for what it does not move."""
         if len(self.table) < 2:
             return np.zeros(self.table.shape[1])
-        return np.nan_to_num(np.abs(np.diff(self.table, axis=0)).max(axis=0) / self.dt_s)
+        return np.fmax(np.abs(np.diff(self.table, axis=0)).max(axis=0) / self.dt_s, 0.0)
 
 
 def commands_of(hand: Hand, targets: Mapping[str, Angle]) -> dict[str, Angle]:

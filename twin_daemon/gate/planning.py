@@ -84,7 +84,7 @@ def _thinned(path: np.ndarray) -> np.ndarray:
     """Rows of a path (n, c), the first left out, that lie no farther apart than the preview's resolution."""
     kept = [path[0]]
     for number, row in enumerate(path[1:], start=1):
-        way = float(np.nan_to_num(np.abs(row - kept[-1])).max(initial=0.0))
+        way = float(np.fmax.reduce(np.abs(row - kept[-1]), initial=0.0))
         if way > RESOLUTION_RAD or number == len(path) - 1:
             count = max(1, int(np.ceil(way / RESOLUTION_RAD)))
             begin = kept[-1]

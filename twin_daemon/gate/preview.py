@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import mujoco
@@ -43,8 +44,7 @@ class Preview:
         self._address = np.array([_address(self._model, hand, joint) for joint in twin.joints], dtype=int)
         index = {joint: i for i, joint in enumerate(twin.joints)}
         driven = [[index[joint] for joint in info.joints] for info in hand.description.commands.values()]
-        single = [(c, joints[0]) for c, joints in enumerate(driven) if len(joints) == 1]
-        self._alone, self._joint = np.array(single, dtype=int).reshape(len(single), 2).T
+        self._alone = [(c, joints[0]) for c, joints in enumerate(driven) if len(joints) == 1]
         self._shared = [
             (c, joints, [hand.joint_range_rad[twin.joints[j]] for j in joints])
             for c, joints in enumerate(driven)
@@ -76,30 +76,32 @@ class Preview:
                         return Collision(names, depth_m, (number + 1) / len(path))
         return None
 
-    def _worst(self, poses: list[np.ndarray]) -> dict[tuple[int, int], float]:
+    def _worst(self, poses: list[list[float]]) -> dict[tuple[int, int], float]:
         worst: dict[tuple[int, int], float] = {}
         for pose in poses:
             for bodies, depth_m in self._overlaps(pose).items():
                 worst[bodies] = max(depth_m, worst.get(bodies, 0.0))
         return worst
 
-    def _poses(self, measured: np.ndarray, targets: np.ndarray) -> list[np.ndarray]:
-        pose = np.where(np.isfinite(measured), measured, 0.0)
-        alone = targets[self._alone]
-        pose[self._joint] = np.where(np.isfinite(alone), alone, pose[self._joint])
-        shared = [entry for entry in self._shared if np.isfinite(targets[entry[0]])]
-        if not shared:
-            return [pose]
+    def _poses(self, measured: np.ndarray, targets: np.ndarray) -> list[list[float]]:
+        """Angles (j,) rad. Plain numbers: some twenty of them are faster one by one than as arrays."""
+        pose = [angle if math.isfinite(angle) else 0.0 for angle in measured.tolist()]
+        row = targets.tolist()
+        for command, joint in self._alone:
+            if math.isfinite(row[command]):
+                pose[joint] = row[command]
         after = pose.copy()
-        for command, joints, ranges in shared:
-            left = targets[command]
+        for command, joints, ranges in self._shared:
+            left = row[command]
+            if not math.isfinite(left):
+                continue
             for joint, (low, high) in zip(joints, ranges, strict=True):
-                pose[joint] = targets[command] / len(joints)
+                pose[joint] = row[command] / len(joints)
                 after[joint] = min(max(left, low), high)
                 left -= after[joint]
-        return [pose, after]
+        return [pose] if after == pose else [pose, after]
 
-    def _overlaps(self, pose: np.ndarray) -> dict[tuple[int, int], float]:
+    def _overlaps(self, pose: list[float]) -> dict[tuple[int, int], float]:
         model, data = self._model, self._data
         data.qpos[self._address] = pose
         mujoco.mj_kinematics(model, data)

@@ -9,10 +9,12 @@ let opened = null, shown = [], range = null, at = null, curves = {}, asking = nu
 const plots = new Map(); // by joint
 
 const versions = () => [...new Set([element("version-a").value, element("version-b").value].filter(Boolean))];
-const query = (more) => new URLSearchParams([["recording", element("recording").value], ...versions().map((one) => ["version", one]), ...more]);
+const onset = () => (element("onset").value ? [["onset_s", element("onset").value]] : []);
+const query = (more) => new URLSearchParams([["recording", element("recording").value], ...versions().map((one) => ["version", one]), ...onset(), ...more]);
 
 export function start() {
-  for (const id of ["recording", "version-a", "version-b"]) element(id).addEventListener("change", () => open().catch((error) => say(error.message)));
+  element("recording").addEventListener("change", () => { element("onset").value = ""; });
+  for (const id of ["recording", "version-a", "version-b", "onset"]) element(id).addEventListener("change", () => open().catch((error) => say(error.message)));
   element("lag").addEventListener("change", () => window_().catch(failed));
   element("state-joint").addEventListener("change", () => state().catch((error) => say(error.message)));
   works(element("again"), refresh);
@@ -37,6 +39,7 @@ export async function open() {
   }
   if (mine !== generation) return;
   range = [0, opened.seconds];
+  element("onset-label").hidden = opened.commands_recorded;
   at = null;
   const moving = opened.joints.filter((joint) => joint.moves).map((joint) => joint.name);
   choose(moving.length ? moving.slice(0, SHOWN) : opened.joints.slice(0, SHOWN).map((joint) => joint.name));
@@ -188,7 +191,7 @@ async function asked(path, mine) {
 }
 
 async function errors(mine) {
-  const [first, second] = versions(), base = [["recording", element("recording").value]];
+  const [first, second] = versions(), base = [["recording", element("recording").value], ...onset()];
   const of = (version) => asked(`/api/errors?${new URLSearchParams([...base, ["version", version]])}`, mine);
   element("errors-caption").textContent = "Errors are being computed ...";
   const found = await of(first), other = second && found ? await of(second) : null;
@@ -239,7 +242,7 @@ async function moment(joint, time) {
 async function state() {
   const joint = element("state-joint").value;
   if (!joint) return;
-  const found = await asked(`/api/residual-over-state?${new URLSearchParams([["recording", element("recording").value], ["version", versions()[0]], ["joint", joint]])}`, generation);
+  const found = await asked(`/api/residual-over-state?${new URLSearchParams([["recording", element("recording").value], ["version", versions()[0]], ["joint", joint], ...onset()])}`, generation);
   if (!found) return;
   const holder = made("div");
   element("state").replaceChildren(holder);

@@ -6,7 +6,7 @@ import { element, made, milli, needsAllowance, number, post, read, row, say, wor
 const AGAIN_MS = 400, IDLE_MS = 3000, KINDS = ["diagnose", "add", "ladder"];
 const NAMES = { diagnose: "The diagnosis", add: "The addition", ladder: "The ladder" };
 const seen = { diagnose: null, add: null, ladder: null }; // number and status of what is shown
-let effects = [], said = { key: "", count: 0 };
+let effects = [], pictured = "", said = { key: "", count: 0 };
 
 export function start() {
   needsAllowance(element("diagnose"), element("ladder"), element("add"), element("stop-job"));
@@ -15,6 +15,8 @@ export function start() {
   works(element("add"), () => begin("add", { effect: element("effect").value, joint: element("place").value }));
   works(element("stop-job"), () => post("/api/job/stop"));
   element("effect").addEventListener("change", explain);
+  element("place").addEventListener("change", picture);
+  element("effect-more").addEventListener("toggle", picture);
   read("/api/effects").then((found) => {
     effects = found.effects;
     element("effect").replaceChildren(...effects.map((one) => made("option", {}, one.key)));
@@ -28,6 +30,25 @@ function explain() {
   const one = effects.find((effect) => effect.key === element("effect").value);
   element("effect-text").textContent = one
     ? `${one.title} (acts on: ${one.acts_on}). ${one.story.what} ${one.story.shows} Likely cause: ${one.story.cause} What to do: ${one.story.remedy}` : "";
+  picture();
+}
+
+// The twin with and without the effect, under the same commands; computed only while somebody looks.
+async function picture() {
+  if (!element("effect-more").open || !effects.length) return;
+  const wanted = new URLSearchParams({ effect: element("effect").value, place: element("place").value }).toString(), holder = made("div");
+  pictured = wanted;
+  element("effect-figure").replaceChildren();
+  element("effect-words").textContent = "The twin is being rolled out ...";
+  try {
+    const found = await read(`/api/effect?${wanted}`);
+    if (pictured !== wanted) return;
+    element("effect-words").textContent = found.words;
+    element("effect-figure").append(holder);
+    await figure(holder, found.figure);
+  } catch (error) {
+    if (pictured === wanted) element("effect-words").textContent = error.message;
+  }
 }
 
 async function begin(kind, more, recording = element("learn-recording").value) {
