@@ -6,6 +6,7 @@ import logging
 import threading
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from bridges.guard import Guard
 from bridges.keep import Keeper
 from twin_daemon.daemon import reports
 from twin_daemon.daemon.probation import Live, Probation
-from twin_daemon.daemon.schedule import Schedule
+from twin_daemon.daemon.schedule import Schedule, Unfinished
 from twin_daemon.daemon.service import TwinService
 from twin_daemon.errors import TwinError
 from twin_daemon.recalibration.settings import RecalibrationSettings
@@ -109,6 +110,9 @@ class Recalibrator:
         if self._child is not None:
             self._take_up(now_s)
             return
+        if self.schedule.unfinished is not None:
+            self._resume(self.schedule.unfinished)
+            return
         why = self.schedule.due(now)
         if why is None:
             return
@@ -142,25 +146,39 @@ class Recalibrator:
         with self._lock:
             if self._child is not None:
                 return "one is running"
-            if drive:
-                source = ["--run", self._settings.trajectory, "--as", self._settings.identity]
-            else:
+            recording = None
+            if not drive:
                 kept = self._keeper.keep()
                 if not kept["kept"]:
                     return str(kept["why"])
-                source = ["--recording", str(kept["path"])]
-            joints = self.schedule.drifting
-            arguments = [
-                "recalibrate", *source, *self._arguments, "--version", str(self._service.version_info["id"]),
-                "--within", str(self._settings.seconds), *(["--joints", *joints] if joints else []),
-                *(["--promote"] if self._settings.policy == "automatic" else []),
-            ]  # fmt: skip
-            result = self._folder / "recalibration.result.json"
-            self._child = Child(*arguments, result=result, nice=self._settings.nice)
-            self._began_s = time.monotonic()
-        self.schedule.done(datetime.now(UTC))
-        self._service.tell("recalibration", f"a recalibration has begun: {why}", {"why": why, "joints": list(joints)})
+                recording = str(kept["path"])
+            self._start(Unfinished(why, list(self.schedule.drifting), recording))
         return None
+
+    def _resume(self, run: Unfinished) -> None:
+        """Goes on, once, with what a restart has cut short: from its recording, not by driving the hand once more."""
+        if run.again or run.recording is None or not Path(run.recording).exists() or self._settings.mode == "off":
+            self._service.tell("recalibration", f"a recalibration ({run.why}) was cut short by a restart")
+            self.schedule.ended()
+            return
+        with self._lock:
+            self._start(replace(run, why=f"{run.why}; begun again after a restart", again=True))
+
+    def _start(self, run: Unfinished) -> None:
+        """Starts the process; under the lock."""
+        drives = ["--run", self._settings.trajectory, "--as", self._settings.identity]
+        source = drives if run.recording is None else ["--recording", run.recording]
+        arguments = [
+            "recalibrate", *source, *self._arguments, "--version", str(self._service.version_info["id"]),
+            "--within", str(self._settings.seconds), *(["--joints", *run.joints] if run.joints else []),
+            *(["--promote"] if self._settings.policy == "automatic" else []),
+        ]  # fmt: skip
+        result = self._folder / "recalibration.result.json"
+        self._child = Child(*arguments, result=result, nice=self._settings.nice)
+        self._began_s = time.monotonic()
+        self.schedule.begun(datetime.now(UTC), run)
+        told = {"why": run.why, "joints": run.joints}
+        self._service.tell("recalibration", f"a recalibration has begun: {run.why}", told)
 
     def _take_up(self, now_s: float) -> None:
         child = self._child
@@ -171,6 +189,7 @@ class Recalibrator:
                 child.end()
             return
         found = child.outcome()
+        self.schedule.ended()
         self._child = None
         if "error" in found:
             self._last = found

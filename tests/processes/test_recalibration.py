@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 import yaml
 
@@ -27,9 +28,11 @@ def configured(tmp_path: Path, **recalibration: Any) -> str:
 
 
 @pytest.mark.slow
-def test_a_hand_that_wears_gets_a_better_version(twin: Any, tmp_path: Path, state_dir: Path, until: Any) -> None:
+def test_a_hand_that_wears_gets_a_better_version_also_through_a_restart(
+    twin: Any, tmp_path: Path, state_dir: Path, until: Any
+) -> None:
     config = configured(tmp_path, mode="passive", policy="automatic", seconds=4.0, nice=0, cron="0 3 * * mon")
-    twin.start("run", "-c", config)
+    daemon = twin.start("run", "-c", config)
     twin.start("hand", "--hidden", "viscous_friction:rh_FFJ3=0.4", "--trajectory", "rich_finger", "--spread", "0")
     session = open_client(twin.endpoint, 20.0)
     assert session is not None
@@ -42,13 +45,18 @@ def test_a_hand_that_wears_gets_a_better_version(twin: Any, tmp_path: Path, stat
         operator = Commander(session, load_hand().description, load_keyring(state_dir / "keys.json"), "operator")
         assert operator.ask("recalibrate", 60.0)["accepted"]
         assert operator.ask("recalibrate", 60.0)["check"] == "recalibration"
-        last = until(lambda: ask(session, f"twin/{NS}/recalibration", 10.0)["last"], 200.0)
+        # the machine loses its power; what had begun is begun again
+        (child,) = psutil.Process(daemon.pid).children()
+        daemon.kill()
+        child.kill()
+        twin.start("run", "-c", config)
+        last = until(lambda: ask(session, f"twin/{NS}/recalibration", 30.0)["last"], 200.0)
         assert "error" not in last, last
         assert last["gain"] > 0.5
         assert last["better"], last
         until(lambda: ask(session, f"twin/{NS}/version", 10.0)["id"] == last["version"], 20.0)
         kinds = [event["kind"] for event in ask(session, f"twin/{NS}/events", 10.0)["events"]]
-        assert kinds.count("recalibration") == 2
+        assert kinds.count("recalibration") == 3
     code, out, _ = twin.run("versions", "show", "current", "--json", "-")
     assert code == 0
     assert json.loads(out)["kind"] == "recalibrated"

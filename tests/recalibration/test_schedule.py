@@ -9,10 +9,12 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from twin_daemon.daemon.schedule import Schedule
+from twin_daemon.daemon.schedule import Schedule, Unfinished
 from twin_daemon.recalibration.settings import RecalibrationSettings
 
 NOON = datetime(2026, 3, 4, 12, 0, tzinfo=UTC)  # a Wednesday
+
+RUN = Unfinished("by the clock", ["rh_FFJ3"], "kept.mcap")
 
 
 def schedule(tmp_path: Path, now: datetime = NOON, **settings: Any) -> Schedule:
@@ -36,7 +38,7 @@ def test_by_interval_and_cron_whichever_comes_first(tmp_path: Path) -> None:
     assert made.due(NOON + hours(14.9)) is None
     assert made.due(NOON + hours(15.1)) == "by the clock"
     assert "Thursday, 05 March at 03:00 UTC" in made.in_words(NOON)
-    made.done(NOON + hours(15.1))
+    made.begun(NOON + hours(15.1), RUN)
     assert made.due(NOON + hours(30.0)) is None
 
 
@@ -45,7 +47,7 @@ def test_missed_runs_count_once_and_outlive_the_daemon(tmp_path: Path) -> None:
     later = NOON + timedelta(days=9)
     again = schedule(tmp_path, later, cron="0 3 * * *")
     assert again.due(later) == "by the clock"
-    again.done(later)
+    again.begun(later, RUN)
     assert again.due(later + hours(1)) is None
     assert schedule(tmp_path, later, cron="0 3 * * *").due(later + hours(1)) is None
 
@@ -72,15 +74,23 @@ def test_drift_waits_for_the_quiet_hours_to_end(tmp_path: Path) -> None:
 def test_one_run_serves_all_and_the_next_keeps_its_distance(tmp_path: Path) -> None:
     made = schedule(tmp_path, on_drift=True, least_minutes=10.0)
     made.drifted("rh_FFJ3")
-    made.done(NOON)
+    made.begun(NOON, RUN)
     made.drifted("rh_MFJ3")
     assert made.due(NOON + timedelta(minutes=9)) is None
     assert made.due(NOON + timedelta(minutes=11)) == "rh_MFJ3 drifted"
 
 
+def test_a_run_that_a_restart_cut_short_is_known_until_it_has_ended(tmp_path: Path) -> None:
+    schedule(tmp_path).begun(NOON, RUN)
+    again = schedule(tmp_path)
+    assert again.unfinished == RUN
+    again.ended()
+    assert schedule(tmp_path).unfinished is None
+
+
 def test_what_could_not_begin_stays_due_and_is_tried_again_later(tmp_path: Path) -> None:
     made = schedule(tmp_path, on_drift=True, motion_hours=1.0, least_minutes=10.0)
-    made.done(NOON - hours(1))
+    made.begun(NOON - hours(1), RUN)
     made.drifted("rh_FFJ3")
     made.moved(4000.0)
     made.postponed(NOON)
@@ -92,7 +102,7 @@ def test_what_could_not_begin_stays_due_and_is_tried_again_later(tmp_path: Path)
 
 def test_a_clock_that_was_set_back_holds_nothing_up(tmp_path: Path) -> None:
     made = schedule(tmp_path, interval_hours=2.0)
-    made.done(NOON + timedelta(days=1))
+    made.begun(NOON + timedelta(days=1), RUN)
     back = NOON
     assert made.due(back) is None
     assert made.due(back + hours(2.1)) == "by the clock"

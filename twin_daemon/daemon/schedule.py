@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -15,6 +16,17 @@ from twin_daemon.recalibration.settings import RecalibrationSettings, quiet_minu
 log = logging.getLogger("twin")
 
 _LONGEST_AHEAD = timedelta(hours=1)
+
+
+@dataclass(frozen=True)
+class Unfinished:
+    """A run that has begun, for whoever comes after a restart: why, for which joints, and from which recording (none:
+    it drives the hand, and whoever wants that again asks again). `again`: it was cut short once already."""
+
+    why: str
+    joints: list[str]
+    recording: str | None
+    again: bool = False
 
 
 class Schedule:
@@ -29,6 +41,7 @@ class Schedule:
         self._path = path
         self._cron = CronTrigger.from_crontab(settings.cron, timezone="UTC") if settings.cron else None
         self._drifting: tuple[str, ...] = ()
+        self.unfinished: Unfinished | None = None
         self.last = now
         self._not_before = now
         self.motion_s = 0.0
@@ -36,6 +49,8 @@ class Schedule:
             kept = json.loads(path.read_text(encoding="utf-8"))
             self.last = datetime.fromisoformat(kept["last"])
             self.motion_s = float(kept["motion_s"])
+            if kept.get("unfinished") is not None:
+                self.unfinished = Unfinished(**kept["unfinished"])
         except FileNotFoundError:
             self.keep()
         except (OSError, ValueError, KeyError, TypeError) as error:
@@ -82,9 +97,14 @@ class Schedule:
                 found.append(self.last + timedelta(hours=self._settings.interval_hours))
         return min((at for at in found if at is not None), default=None)
 
-    def done(self, now: datetime) -> None:
+    def begun(self, now: datetime, run: Unfinished) -> None:
         """A run has begun: everything that was due is served by it."""
-        self.last, self.motion_s, self._drifting = now, 0.0, ()
+        self.last, self.motion_s, self._drifting, self.unfinished = now, 0.0, (), run
+        self.keep()
+
+    def ended(self) -> None:
+        """The run has ended, well or not."""
+        self.unfinished = None
         self.keep()
 
     def postponed(self, now: datetime) -> None:
@@ -110,7 +130,15 @@ class Schedule:
 
     def keep(self) -> None:
         """Writes the last run and the hours of motion; called now and then and at the end."""
-        content = json.dumps({"schema": 1, "last": self.last.astimezone(UTC).isoformat(), "motion_s": self.motion_s})
+        last, unfinished = self.last.astimezone(UTC).isoformat(), self.unfinished
+        content = json.dumps(
+            {
+                "schema": 1,
+                "last": last,
+                "motion_s": self.motion_s,
+                "unfinished": None if unfinished is None else asdict(unfinished),
+            }
+        )
         try:
             self._path.parent.mkdir(parents=True, exist_ok=True)
             write_atomically(self._path, content.encode())
