@@ -49,6 +49,10 @@ class Watch:
         self._first[:] = np.nan
         self._velocity[:] = 0.0
 
+    def displaced(self) -> None:
+        """Somebody has sent the hand elsewhere, past the gate: what overlaps from now on because of it is his doing."""
+        self._first = self._row.copy()
+
     def turn(self, sent: Sendable | None, since_s: float, start: np.ndarray, measured: np.ndarray, look: bool) -> None:
         """One turn of the gate, `since_s` after the one before; `start` (c,) is where new commands begin."""
         dt_s = min(since_s, self._dt_s)
@@ -130,6 +134,7 @@ class Stream:
         if rng.random() < 0.0005:
             stray = rng.normal(size=len(self.names))
             self.gate.seen(int(self.wall_ns), self.names, stray, self.now_s)
+            self.watch.displaced()
         idle = not self.gate.active
         if idle:
             self.watch.idle()
