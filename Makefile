@@ -23,7 +23,7 @@ demo: setup  ## the whole story, no hardware needed
 test:  ## style, types, layers, tests; ROS 2 among them where its wheels exist
 	@bash tools/setup.sh $(ROS)
 	@$(MAKE) --no-print-directory lint
-	@$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
+	@$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 bench: setup  ## how long a diagnosis of the whole hand takes, then the hidden suite
 	@$(BIN)/python -m bench.whole_hand

@@ -66,6 +66,7 @@ def test_compare_of_the_real_closing(hand_closing: list[str], capsys: pytest.Cap
     assert 0 < result["noise_floor_rad2"] < 1e-6
 
 
+@pytest.mark.slow
 def test_the_thumb_is_judged_beside_the_raw_command(shared_data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = shared_data / "shadow_hand_real"
     bag = folder / "thumb_calibration.bag"

@@ -50,6 +50,7 @@ def shown(element: str) -> str:
     return f"document.getElementById('{element}').innerText"
 
 
+@pytest.mark.slow
 def test_the_story(workbench: Any, processes: Twin, browser: Browser, worn: Path) -> None:
     daemon = processes.start("run")
     processes.start("hand", "--trajectory", "rich_finger")
