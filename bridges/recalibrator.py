@@ -162,7 +162,8 @@ class Recalibrator:
             self.schedule.ended()
             return
         with self._lock:
-            self._start(replace(run, why=f"{run.why}; begun again after a restart", again=True))
+            if self._child is None:  # else somebody has asked for one meanwhile
+                self._start(replace(run, why=f"{run.why}; begun again after a restart", again=True))
 
     def _start(self, run: Unfinished) -> None:
         """Starts the process; under the lock."""
