@@ -12,6 +12,7 @@ from twin_daemon.errors import BadInput
 from twin_daemon.figures.ladder import ladder_figure
 from twin_daemon.report.chart import chart
 from twin_daemon.versions import Version, VersionStore, diff
+from twin_daemon.versions.lineage import tree
 from workbench.app import posting, reading
 from workbench.compare import as_spec
 
@@ -39,32 +40,17 @@ class History:
     def _list(self) -> dict[str, Any]:
         """Every version under the one it was made from, `depth` deep; the oldest first."""
         versions, problems = self._store.survey()
-        known = {version.id for version in versions}
-        children: dict[str | None, list[Version]] = {}
-        for version in versions:
-            children.setdefault(version.parent if version.parent in known else None, []).append(version)
+        names, shipped = self._store.all_names(), self._store.all_shipped()
         rows: list[dict[str, Any]] = []
-        waiting = [(version, 0) for version in reversed(children.get(None, []))]
+        waiting = [(branch, 0) for branch in reversed(tree(versions))]
         while waiting:
-            version, depth = waiting.pop()
-            rows.append({**self._summary(version), "depth": depth})
-            waiting += [(child, depth + 1) for child in reversed(children.get(version.id, []))]
-        names = sorted({name for version in versions for name in _values(version)})
-        return {"versions": rows, "aliases": self._store.aliases(), "problems": problems, "parameters": names}
-
-    def _summary(self, version: Version) -> dict[str, Any]:
-        return {
-            "id": version.id,
-            "kind": version.kind,
-            "title": version.title,
-            "created": version.created,
-            "parent": version.parent,
-            "names": self._store.names(version.id),
-            "shipped": self._store.shipped(version.id),
-            "effects": [f"{e.get('effect')} at {e.get('target')}" for e in version.terms.get("effects") or []],
-            "errors": {name: _error(version, name) for name in ("before", "after", "holdout_before", "holdout_after")},
-            "fitted_on": [used.name for used in version.fitted_on],
-        }
+            branch, depth = waiting.pop()
+            own = branch.version.id
+            told = {"names": names.get(own, []), "shipped": own in shipped, "depth": depth}
+            rows.append(_summary(branch.version) | told)
+            waiting += [(child, depth + 1) for child in reversed(branch.children)]
+        parameters = sorted({name for version in versions for name in _values(version)})
+        return {"versions": rows, "aliases": self._store.aliases(), "problems": problems, "parameters": parameters}
 
     def _diff(self, request: Request) -> dict[str, Any]:
         before, after = (self._store.get(request.query_params.get(name, "")) for name in ("before", "after"))
@@ -115,6 +101,19 @@ class History:
         return {"current": version.id, "title": version.title or version.kind}
 
 
+def _summary(version: Version) -> dict[str, Any]:
+    return {
+        "id": version.id,
+        "kind": version.kind,
+        "title": version.title,
+        "created": version.created,
+        "parent": version.parent,
+        "effects": [f"{e.get('effect')} at {e.get('target')}" for e in version.terms.get("effects") or []],
+        "errors": {name: _error(version, name) for name in ("before", "after", "holdout_before", "holdout_after")},
+        "fitted_on": [used.name for used in version.fitted_on],
+    }
+
+
 def _error(version: Version, name: str) -> float | None:
     value = (version.errors.get(name) or {}).get("mse_rad2")
     return float(value) if isinstance(value, (int, float)) else None
@@ -123,13 +122,8 @@ def _error(version: Version, name: str) -> float | None:
 def _values(version: Version) -> dict[str, dict[str, Any]]:
     """Fitted and set parameters and the values of effects, by name."""
     found: dict[str, dict[str, Any]] = {
-        name: {"value": value, "unit": "", "ci95": None}
-        for name, value in (version.terms.get("parameters") or {}).items()
+        name: {"value": value, "unit": "", "ci95": None} for name, value in version.sets().items()
     }
-    for effect in version.terms.get("effects") or []:
-        for name, value in (effect.get("values") or {}).items():
-            place = f"{effect.get('effect')}:{effect.get('target')}.{name}"
-            found[place] = {"value": value, "unit": "", "ci95": None}
     for name, record in version.parameters.items():
         found[name] = {"value": record.value, "unit": record.unit, "ci95": record.ci95}
     return found

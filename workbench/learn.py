@@ -19,7 +19,7 @@ from twin_daemon.report.chart import chart
 from twin_daemon.report.finished import DiagnosisRead, LadderRead
 from twin_daemon.report.page import diagnosis_section, ladder_chart
 from twin_daemon.signals.trajectory import load_trajectory
-from twin_daemon.simulation.rollout import roll_out
+from twin_daemon.simulation.follow import follow
 from twin_daemon.simulation.signature import signature
 from workbench.app import posting, reading
 from workbench.compare import as_spec
@@ -108,8 +108,9 @@ class Learn:
         """What a typical amount of an effect does to a motion of the model. Nothing moves."""
         key, place = (request.query_params.get(name, "") for name in ("effect", "place"))
         found = signature(self._shelf.nominal, key, self._place(place))
-        amounts = ", ".join(f"{name} {value:.3g}" for name, value in found.values.items())
-        words = f"A motion of {found.name} as commanded, without {key} and with it ({amounts}); below the difference."
+        words = (
+            f"A motion of {found.name} as commanded, without {key} and with it ({found.amounts}); below the difference."
+        )
         return {"figure": as_spec(chart("effect", effect_figure(key, found), words)), "words": words}
 
     def _job(self, request: Request) -> dict[str, Any]:
@@ -174,9 +175,8 @@ class Learn:
         step_s = float(twin.model.opt.timestep)
         time_s = np.arange(int(np.ceil(plan.times_s[-1] / step_s)) + 1) * step_s
         targets = np.stack([np.interp(time_s, plan.times_s, column) for column in plan.positions.T], axis=1)
-        controls = twin.controls(plan.joints, targets, np.zeros(len(twin.actuators)))
-        start = twin.initial_qpos(np.full(len(twin.joints), np.nan), controls[0])
-        positions = roll_out([twin.model], controls[None], start[None])[0][:, twin.qpos_adr] @ twin.drive.T
+        controls, positions = follow(twin, plan.joints, targets)
+        driven = positions @ twin.drive.T
         travel = np.ptp(controls, axis=0)
         moving = [column for column in np.argsort(-travel) if travel[column] > 0.0][:_MOST_CURVES]
         figure = go.Figure()
@@ -185,7 +185,7 @@ class Learn:
             name = label(twin.actuators[column])
             for values, words, colour, dash in (
                 (controls[:, column], f"{name}, commanded", REFERENCE, "dot"),
-                (positions[: len(time_s), column], f"{name}, the twin", TWIN, "solid"),
+                (driven[:, column], f"{name}, the twin", TWIN, "solid"),
             ):
                 line = {"color": colour, "dash": dash}
                 figure.add_trace(go.Scatter(x=time_s[::every], y=values[::every], name=words, mode="lines", line=line))

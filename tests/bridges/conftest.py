@@ -36,6 +36,5 @@ def peers(ros: None) -> Iterator[tuple[Peer, Peer]]:
 
 @pytest.fixture
 def twin(ros: None, tmp_path: Path) -> Iterator[Twin]:
-    processes = Twin(tmp_path)
-    yield processes
-    processes.clean_up()
+    with Twin(tmp_path) as processes:
+        yield processes

@@ -131,14 +131,11 @@ def scene(twin: Twin, tmp_path: Path, state_dir: Path) -> Iterator[Scene]:
 def guarded(monkeypatch: pytest.MonkeyPatch, ros: None, tmp_path: Path, state_dir: Path) -> Iterator[Scene]:
     """With access control: hand and bridge speak as the hand, who may not command."""
     monkeypatch.setenv("TWIN_AS", "hand")
-    twin = Twin(tmp_path)
-    try:
+    with Twin(tmp_path) as twin:
         made = Scene(twin, tmp_path, state_dir, access={"anonymous": "nothing"})
         until(lambda: made.measured, 60.0)
         yield made
         made.close()
-    finally:
-        twin.clean_up()
 
 
 def call(operator: Peer, verb: str) -> dict[str, Any]:

@@ -59,7 +59,10 @@ class Twin:
         assert code == 0, err
         return json.loads(out)
 
-    def clean_up(self) -> None:
+    def __enter__(self) -> Twin:
+        return self
+
+    def __exit__(self, *_: object) -> None:
         for process in self._running:
             if process.poll() is None:
                 process.kill()
@@ -68,9 +71,8 @@ class Twin:
 
 @pytest.fixture
 def twin(tmp_path: Path) -> Iterator[Twin]:
-    processes = Twin(tmp_path)
-    yield processes
-    processes.clean_up()
+    with Twin(tmp_path) as processes:
+        yield processes
 
 
 def until(condition: Any, timeout_s: float = 15.0) -> Any:

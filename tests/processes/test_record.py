@@ -43,16 +43,14 @@ def live(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Live]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TWIN_STATE_DIR", str(folder / "state"))
         twin = Twin(folder)
-    daemon, hand = twin.start("run"), twin.start("hand", "--trajectory", "hand_closing")
-    try:
+    with twin:
+        daemon, hand = twin.start("run"), twin.start("hand", "--trajectory", "hand_closing")
         with connected(twin) as session:
             until(lambda: ask(session, f"twin/{NS}/state", 20.0)["status"] == "following")
         yield Live(twin, folder)
         for process in (hand, daemon):
             code, _, err = twin.end(process)
             assert code == 0, err
-    finally:
-        twin.clean_up()
 
 
 def connected(twin: Twin) -> zenoh.Session:

@@ -67,18 +67,16 @@ class Workbench:
 @pytest.fixture(scope="module")
 def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Workbench]:
     """One without a daemon, for all tests of a module."""
-    processes = Twin(tmp_path_factory.mktemp("served"))
-    running = Workbench(processes, "--name", "twin.lab")
-    yield running
-    assert running.end() == 0
-    processes.clean_up()
+    with Twin(tmp_path_factory.mktemp("served")) as processes:
+        running = Workbench(processes, "--name", "twin.lab")
+        yield running
+        assert running.end() == 0
 
 
 @pytest.fixture
 def processes(tmp_path: Path) -> Iterator[Twin]:
-    started = Twin(tmp_path)
-    yield started
-    started.clean_up()
+    with Twin(tmp_path) as started:
+        yield started
 
 
 @pytest.fixture

@@ -10,22 +10,23 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from bridges.authority import Authority, certificate_of
+from bridges.tls import DAEMON, security_dir
 from twin_daemon.cli.command import Group
 from twin_daemon.cli.console import emit_json, people, plain_text
 from twin_daemon.cli.options import Json
 from twin_daemon.errors import BadInput, nearest
-from twin_daemon.gate.identity import Role
+from twin_daemon.gate.identity import KEYS, Keyring, Role, ensure_keyring, keys_file, load_keyring, new_identity
 from twin_daemon.resources import state_dir
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from twin_daemon.gate.identity import Keyring
 
 app = Group("Who may join the hand's network: identities and their certificates. docs/security.md has the whole story.")
 
 Name = Annotated[str, typer.Argument(metavar="NAME", help="Name of the identity.")]
-_RESERVED = ("authority", "daemon")
+_RESERVED = ("authority", DAEMON)
 _LOOPBACK = ("localhost", "127.0.0.1", "::1")
 
 
@@ -39,15 +40,11 @@ def init(
     json: Json = None,
 ) -> None:
     """Make an authority, identities and a certificate for each. Safe to repeat: what is good stays as it is."""
-    from bridges.authority import Authority
-    from bridges.tls import DAEMON, security_dir
-    from twin_daemon.gate.identity import ensure_keyring, keys_file
-
     keyring = ensure_keyring(keys_file(state_dir()))
     authority = Authority(security_dir())
     authority.issue(DAEMON, [*_LOOPBACK, socket.gethostname(), *(host or [])], renew=renew)
     for name in keyring.names:
-        _issue(keyring, name, renew=renew)
+        _issue(authority, keyring, name, renew=renew)
     _give_to_the_daemon()
     found = _known(keyring)
     emit_json(json, found)
@@ -66,15 +63,12 @@ def add(
     json: Json = None,
 ) -> None:
     """Make an identity with a certificate. The daemon knows it from its next start."""
-    from bridges.tls import security_dir
-    from twin_daemon.gate.identity import new_identity
-
     path, keyring = _keyring()
     if name in keyring or name in _RESERVED:
         raise BadInput(f"'{name}' is there already", todo="Choose another name, or remove it first")
     keyring = keyring.changed(name, new_identity(role))
     keyring.save(path)
-    _issue(keyring, name)
+    _issue(Authority(security_dir()), keyring, name)
     _give_to_the_daemon()
     emit_json(json, _known(keyring))
     people(json).print(plain_text(f"{name} ({role}) is in {security_dir() / name}; restart the daemon to let it in"))
@@ -83,8 +77,6 @@ def add(
 @app.command("remove")
 def remove(name: Name, json: Json = None) -> None:
     """Take an identity away: from the daemon's next start its certificate opens nothing."""
-    from bridges.tls import security_dir
-
     path, keyring = _keyring()
     if name not in keyring:
         raise BadInput(f"no identity '{name}'", todo=nearest(name, keyring.names))
@@ -105,29 +97,20 @@ def show(json: Json = None) -> None:
 
 
 def _keyring() -> tuple[Path, Keyring]:
-    from bridges.tls import security_dir
-    from twin_daemon.gate.identity import keys_file, load_keyring
-
     path = keys_file(state_dir())
     if not path.exists() or not security_dir().is_dir():
         raise BadInput("no authority yet", where=security_dir(), todo="Begin with 'twin security init'")
     return path, load_keyring(path)
 
 
-def _issue(keyring: Keyring, name: str, *, renew: bool = False) -> None:
+def _issue(authority: Authority, keyring: Keyring, name: str, *, renew: bool = False) -> None:
     """A certificate, and the identity's own key beside it: all that this identity needs on another machine."""
-    from bridges.authority import Authority
-    from bridges.tls import security_dir
-    from twin_daemon.gate.identity import KEYS
-
-    Authority(security_dir()).issue(name, renew=renew)
-    keyring.only(name).save(security_dir() / name / KEYS)
+    authority.issue(name, renew=renew)
+    keyring.only(name).save(authority.folder / name / KEYS)
 
 
 def _give_to_the_daemon() -> None:
     """What root has made belongs to whom the state folder belongs to: the service's user, who has to read it."""
-    from bridges.tls import security_dir
-
     owner = state_dir().stat()
     if os.geteuid() == 0 and owner.st_uid != 0:
         for path in (security_dir(), *security_dir().rglob("*")):
@@ -135,9 +118,6 @@ def _give_to_the_daemon() -> None:
 
 
 def _known(keyring: Keyring) -> dict[str, Any]:
-    from bridges.authority import certificate_of
-    from bridges.tls import DAEMON, security_dir
-
     folder = security_dir()
     rows = []
     for name, role in ((DAEMON, "daemon"), *((name, keyring.role(name)) for name in keyring.names)):

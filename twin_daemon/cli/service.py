@@ -136,18 +136,12 @@ def logs(
 
 def _wanted() -> tuple[list[str], list[str]]:
     """The units that are started with the machine, and why others are not."""
-    from twin_daemon.cli.app import COMMANDS
-
     enabled, left_out = [units.DAEMON], []
     if importlib.util.find_spec("rclpy") is not None:
         enabled.append(units.BRIDGE)
     else:
         left_out.append(f"{units.BRIDGE} is not started: this Python has no ROS 2 (systemd/README.md)")
-    if "workbench" in COMMANDS:
-        enabled.append(units.WORKBENCH)
-    else:
-        left_out.append(f"{units.WORKBENCH} is not started: this release has no workbench")
-    return [*enabled, units.TARGET], left_out
+    return [*enabled, units.WORKBENCH, units.TARGET], left_out
 
 
 def _this_program() -> Path:

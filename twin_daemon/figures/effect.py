@@ -26,8 +26,7 @@ def effect_figure(key: str, found: Signature) -> go.Figure:
         line = {"color": colour, "dash": dash, "width": 1.5}
         x, y = found.time_s[kept].astype(np.float32), values[kept].astype(np.float32)
         figure.add_trace(go.Scatter(x=x, y=y, name=name, mode="lines", line=line, yaxis=axis))
-    amounts = ", ".join(f"{name} {value:.3g}" for name, value in found.values.items())
-    styled(figure, label(f"{key} at {found.name}: {amounts}"), height=380)
+    styled(figure, label(f"{key} at {found.name}: {found.amounts}"), height=380)
     return figure.update_layout(
         xaxis={"title": "time (s)", "anchor": "y2"},
         yaxis={"title": "rad", "domain": [0.42, 1.0]},

@@ -8,7 +8,7 @@ import numpy as np
 
 from twin_daemon.effects import LIBRARY
 from twin_daemon.errors import BadInput, nearest
-from twin_daemon.simulation.rollout import roll_out
+from twin_daemon.simulation.follow import follow
 from twin_daemon.simulation.terms import EffectTerm
 from twin_daemon.simulation.twin import TwinModel
 
@@ -29,6 +29,11 @@ class Signature:
     commanded: np.ndarray
     without: np.ndarray
     with_effect: np.ndarray
+
+    @property
+    def amounts(self) -> str:
+        """The values of the effect in words."""
+        return ", ".join(f"{name} {value:.3g}" for name, value in self.values.items())
 
 
 def signature(twin: TwinModel, key: str, target: str) -> Signature:
@@ -62,9 +67,6 @@ def signature(twin: TwinModel, key: str, target: str) -> Signature:
 
 def _read(twin: TwinModel, name: str, column: int, commanded: np.ndarray) -> np.ndarray:
     """(n,) what the sensors say of `name` while one command moves and the others rest."""
-    rest = np.zeros(len(twin.actuators))
-    controls = twin.controls((twin.actuators[column],), commanded[:, None], rest)
-    start = twin.initial_qpos(np.full(len(twin.joints), np.nan), controls[0])
-    positions = roll_out([twin.model], controls[None], start[None])[0][: len(commanded), twin.qpos_adr]
+    _, positions = follow(twin, (twin.actuators[column],), commanded[:, None])
     read = twin.measurement.apply(twin.joints, positions)
     return read[:, twin.joints.index(name)] if name in twin.joints else read @ twin.drive[twin.actuators.index(name)]

@@ -115,11 +115,7 @@ def _follow(standing: list[tuple[str, str | None]], decision: Decision) -> None:
 def _values(version: Version) -> Iterator[tuple[str, float, tuple[float, float] | None]]:
     """Everything that a version sets, fitted or carried over."""
     fitted = {name: p for name, p in version.parameters.items() if p.value is not None}
-    plain = dict((version.terms.get("parameters") or {}).items())
-    for effect in version.terms.get("effects") or []:
-        place = f"{effect.get('effect')}:{effect.get('target')}"
-        plain |= {f"{place}.{name}": value for name, value in (effect.get("values") or {}).items()}
-    for name, value in plain.items():
+    for name, value in version.sets().items():
         if name not in fitted and isinstance(value, (int, float)) and not isinstance(value, bool):
             yield name, float(value), None
     for name, parameter in fitted.items():

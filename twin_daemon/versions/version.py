@@ -68,6 +68,14 @@ class Draft(_Strict):
     search: dict[str, Any] | None = None
     seed: int | None = None
 
+    def sets(self) -> dict[str, Any]:
+        """What the terms set: parameters by name, values of effects as effect:target.value."""
+        found = dict(self.terms.get("parameters") or {})
+        for effect in self.terms.get("effects") or []:
+            place = f"{effect.get('effect')}:{effect.get('target')}"
+            found |= {f"{place}.{name}": value for name, value in (effect.get("values") or {}).items()}
+        return found
+
 
 class Version(Draft):
     """A stored version. `id` is the SHA-256 of everything else but `created`: it cannot change and keep its name."""
