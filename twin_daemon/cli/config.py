@@ -11,7 +11,6 @@ import typer
 from twin_daemon.cli.command import Group
 from twin_daemon.cli.console import emit_json, people, plain_text
 from twin_daemon.cli.options import Json, Output
-from twin_daemon.errors import BadInput, nearest
 
 app = Group("The daemon's configuration: checked, shown with where each value came from, explained.")
 
@@ -25,15 +24,11 @@ File = Annotated[
 def check(file: File = None, json: Json = None) -> None:
     """Whether the daemon would take it: every key known, every value allowed, its hand there. Exit code 3 if not."""
     from twin_daemon.daemon.configuration import load_config
+    from twin_daemon.gate.limits import limits_of
     from twin_daemon.hand import load_hand
 
     effective = load_config(file, os.environ)
-    hand = load_hand(effective.config.hand, effective.config.model)
-    for name in effective.config.gate.limits:
-        if name not in hand.commands:
-            raise BadInput(
-                f"gate.limits: {hand.name} has no command '{name}'", where=file, todo=nearest(name, hand.commands)
-            )
+    limits_of(load_hand(effective.config.hand, effective.config.model), effective.config.gate)
     emit_json(json, {"path": None if file is None else str(file), "valid": True, "sources": effective.sources})
     set_here = len(effective.sources)
     people(json).print(f"valid: {set_here} {'key is' if set_here == 1 else 'keys are'} set, all others are defaults")
