@@ -22,6 +22,11 @@ class Motion:
         self._random = np.random.default_rng(seed)
         self._value = np.zeros(3)
         self._time_s = 0.0
+        self._touched = np.zeros(3, dtype=bool)
+
+    def touch(self, joint: int) -> Motion:
+        self._touched[joint] = True
+        return self
 
     def run(self, drift: Drift, seconds: float, factor: np.ndarray | float = 1.0, growth: float = 0.0) -> list[Alarm]:
         raised: list[Alarm] = []
@@ -32,7 +37,7 @@ class Motion:
             self._value = 0.9 * self._value + np.sqrt(1 - 0.81) * self._random.normal(size=3)
             grown = np.ones(3) + np.array([0.0, growth * step / RATE_HZ, 0.0])
             residual = size * self._value * factor * grown
-            raised += drift.add(round(self._time_s * 1e9), residual, np.full(3, pace))
+            raised += drift.add(round(self._time_s * 1e9), residual, np.full(3, pace), self._touched)
         return raised
 
 
@@ -66,9 +71,17 @@ def test_a_dead_sensor_alarms_within_a_minute() -> None:
 def test_a_joint_that_is_not_measured_says_nothing() -> None:
     drift = Drift(JOINTS)
     for second in range(2000):
-        drift.add(second * 10**9, np.full(3, np.nan), np.zeros(3))
+        drift.add(second * 10**9, np.full(3, np.nan), np.zeros(3), np.zeros(3, bool))
     assert drift.as_json()["verdict"] == "learning"
     assert drift.as_json()["joints"]["a"]["baseline_rmse_rad"] is None
+
+
+def test_what_happens_in_contact_is_not_wear() -> None:
+    drift, motion = Drift(JOINTS), Motion(5)
+    motion.run(drift, HOUR_S)
+    assert not motion.touch(2).run(drift, 600.0, factor=np.array([1.0, 1.0, 40.0]))
+    told = drift.as_json()["joints"]
+    assert (told["a"]["touched_s"], told["c"]["touched_s"]) == (0.0, pytest.approx(600.0))
 
 
 @given(st.floats(0.3, 1.5), st.floats(2.0, 12.0))

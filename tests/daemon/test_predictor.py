@@ -126,3 +126,16 @@ def test_another_model_inherits_the_targets(twin: TwinModel) -> None:
     before.advance(START, pose(twin), np.zeros(len(twin.joints)))
     after.inherit(before)
     assert after.targets_rad == {"rh_FFJ3": 0.8}
+
+
+def test_a_contact_loads_the_joints_between_its_bodies_until_the_next_anchor(twin: TwinModel) -> None:
+    predictor = Predictor(twin, horizon_s=1.0)
+    apart, still = pose(twin, 0.0), np.zeros(len(twin.joints))
+    predictor.command(START, ("rh_MFJ4",), np.array([-0.3]))
+    seen = [predictor.advance(START + sample * 8 * MS, apart, still).touched for sample in range(127)]
+    loaded = {name for name, touched in zip(twin.joints, seen[125], strict=True) if touched}
+    # J1 hangs on the tendon that J2 hangs on; the wrist carries both fingers
+    assert {f"rh_{finger}J{i}" for finger in ("FF", "MF") for i in (1, 2, 3, 4)} <= loaded
+    assert not loaded & {"rh_WRJ1", "rh_WRJ2", "rh_THJ1", "rh_LFJ3", "rh_RFJ3"}
+    assert not seen[0].any()
+    assert not seen[126].any()  # one second is over: the model starts from the measurement

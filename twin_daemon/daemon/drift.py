@@ -2,7 +2,9 @@
 
 Wear, a slack tendon and a dead sensor make the residual larger for good; a fast motion does so for a moment. So time
 is counted at each pace of the model on its own: ten seconds at one pace are a block, whose error is compared with that
-of earlier blocks at the same pace, and what exceeds it adds up (see `cusum`).
+of earlier blocks at the same pace, and what exceeds it adds up (see `cusum`). A joint that something has touched since
+the model last started from the measurement is left out until it starts again: two fingers that hook onto each other, or
+just miss, part ways for good, and that is chaos, not wear.
 """
 
 from __future__ import annotations
@@ -62,10 +64,13 @@ class Drift:
         self._test = Cusum(len(self._joints), SLACK, self._threshold)
         self._alarms: dict[str, Alarm] = {}
         self._baseline, self._recent = np.zeros((2, shape[1])), np.zeros((2, shape[1]))
+        self._touched_s = np.zeros(shape[1])
         self._last_ns: int | None = None
 
-    def add(self, stamp_ns: int, residual_rad: np.ndarray, speed_rad_s: np.ndarray) -> list[Alarm]:
-        """Takes one residual (j,), NaN where a joint was not measured, and the model's speeds (j,).
+    def add(
+        self, stamp_ns: int, residual_rad: np.ndarray, speed_rad_s: np.ndarray, touched: np.ndarray
+    ) -> list[Alarm]:
+        """Takes one residual (j,), NaN where a joint was not measured, the model's speeds (j,) and what was touched.
 
         Returns the alarms that it raises; a joint raises one, until `clear`.
         """
@@ -73,7 +78,8 @@ class Drift:
         if last is None or stamp_ns <= last:
             return []
         elapsed_s = min((stamp_ns - last) * 1e-9, _LONGEST_S)
-        known = np.isfinite(residual_rad).nonzero()[0]
+        self._touched_s += elapsed_s * touched
+        known = (np.isfinite(residual_rad) & ~touched).nonzero()[0]
         error_rad = residual_rad[known]
         pace = _PACES_RAD_S.searchsorted(np.abs(speed_rad_s[known]))
         cell = pace * len(self._joints) + known  # of the flat tables: at every sample, two indices cost twice as much
@@ -145,6 +151,7 @@ class Drift:
                     "ratio": number(ratio[i]),
                     "statistic": number(self._test.sums[i]),
                     "learnt": bool(ready[i]),
+                    "touched_s": number(self._touched_s[i]),
                     "since_ns": self._alarms[name].since_ns if name in self._alarms else None,
                 }
                 for i, name in enumerate(self._joints)

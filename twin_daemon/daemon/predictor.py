@@ -12,6 +12,7 @@ import numpy as np
 
 from twin_daemon.daemon.messages import JointSample
 from twin_daemon.simulation.rollout import settle_actuators
+from twin_daemon.simulation.touches import dofs_that_move
 from twin_daemon.simulation.twin import TwinModel
 
 State = Literal["waiting", "no_commands", "following"]
@@ -25,6 +26,7 @@ _WARNINGS = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL,
 class Prediction:
     """The model at one stamp: what the sensors should read, (j,) rad, and joint velocities (j,) rad/s.
 
+    `touched` (j,) says which joints a contact has loaded since the model last started from the measurement.
     `anchored` names the reason where the model was set to the measurement at this very stamp because it could not
     be carried on; such a prediction is the measurement itself and says nothing about the model.
     """
@@ -32,6 +34,7 @@ class Prediction:
     stamp_ns: int
     position: np.ndarray
     velocity: np.ndarray
+    touched: np.ndarray
     anchored: str | None = None
 
 
@@ -61,6 +64,8 @@ class Predictor:
         self._pending: list[tuple[int, np.ndarray, np.ndarray]] = []
         self._layouts: dict[tuple[str, ...], tuple[np.ndarray, np.ndarray]] = {}
         self._hold_map, self._held = twin.command_map(twin.joints)
+        self._moves = _joints_that_move(twin, self._hold_map != 0.0)
+        self._touched = np.zeros(len(twin.joints), dtype=bool)
 
     def retime(self, horizon_s: float, max_catch_up_s: float) -> None:
         """How long it runs free, and what it catches up with, from now on."""
@@ -156,13 +161,21 @@ class Predictor:
             mujoco.mj_step(model, data, nstep=count)
             self._now_ns += count * self._step_ns
             self.steps += count
+        if data.ncon:
+            self._note_contacts()
         return not any(warning.number for warning in self._warnings)
+
+    def _note_contacts(self) -> None:
+        """A contact loads the joints that move one of its bodies and not the other."""
+        geoms = self._data.contact.geom
+        first, second = self.twin.model.geom_bodyid[geoms[geoms.min(axis=1) >= 0]].T
+        self._touched |= (self._moves[first] ^ self._moves[second]).any(axis=0)
 
     def _read(self, stamp_ns: int) -> Prediction:
         ahead_s = (stamp_ns - self._now_ns) * 1e-9
         velocity = self._qvel[self.twin.dof_adr]
         angle = self._qpos[self.twin.qpos_adr] + ahead_s * velocity
-        return Prediction(stamp_ns, angle * self._gain + self._offset_rad, velocity)
+        return Prediction(stamp_ns, angle * self._gain + self._offset_rad, velocity, self._touched.copy())
 
     # -- anchors -------------------------------------------------------------------------------------------
 
@@ -178,7 +191,8 @@ class Predictor:
                 self._take(*entry[1:])
         self._anchor(stamp_ns, position, velocity, reason)
         settle_actuators(self.twin.model, self._data, self._control)
-        return Prediction(stamp_ns, np.array(position, float), np.array(velocity, float), anchored=reason)
+        touched = np.zeros(len(self.twin.joints), dtype=bool)
+        return Prediction(stamp_ns, np.array(position, float), np.array(velocity, float), touched, anchored=reason)
 
     def _anchor(self, stamp_ns: int, position: np.ndarray, velocity: np.ndarray, reason: str) -> None:
         """Joints go to the measured angles; filters and delay lines keep what they hold."""
@@ -190,10 +204,20 @@ class Predictor:
         hold = self._held & ~self._commanded
         self._control[hold] = (self._hold_map @ pose)[hold]
         self._data.ctrl[:] = self._control
+        self._touched[:] = False
         self._now_ns = stamp_ns
         self.anchored_ns = stamp_ns
         self.anchor_reason = reason
         self.anchors[reason] += 1
+
+
+def _joints_that_move(twin: TwinModel, driven: np.ndarray) -> np.ndarray:
+    """(nbody, j) the joints that move a body, with those that share an actuator with one of them.
+
+    `driven` (nu, j) says what each actuator moves: what holds up J2 holds up J1 of its tendon as well.
+    """
+    moves = dofs_that_move(twin.model)[:, twin.dof_adr]
+    return moves | ((moves @ driven.T.astype(int)) @ driven.astype(int) > 0)
 
 
 def as_sample(prediction: Prediction, joints: tuple[str, ...]) -> JointSample:

@@ -123,7 +123,7 @@ class TwinService:
         residual[index] = self.mirror.position[index] - prediction.position[index]
         self.residuals.add(prediction.stamp_ns, residual)
         if following:
-            for alarm in self.drifts.add(prediction.stamp_ns, residual, prediction.velocity):
+            for alarm in self.drifts.add(prediction.stamp_ns, residual, prediction.velocity, prediction.touched):
                 self._tell_drift(alarm)
 
     def _efforts(self, sample: JointSample) -> dict[str, float] | None:

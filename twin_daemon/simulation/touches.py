@@ -25,3 +25,13 @@ def touches(model: mujoco.MjModel, data: mujoco.MjData) -> Iterator[Touch]:
         if min(geoms) >= 0:
             first, second = (int(model.geom_bodyid[geom]) for geom in geoms)
             yield Touch((first, second), float(data.contact.dist[number]), data.contact.pos[number])
+
+
+def dofs_that_move(model: mujoco.MjModel) -> np.ndarray:
+    """(nbody, nv) whether a degree of freedom moves a body."""
+    moves = np.zeros((model.nbody, model.nv), dtype=bool)
+    for body in range(1, model.nbody):
+        first = model.body_dofadr[body]
+        moves[body] = moves[model.body_parentid[body]]
+        moves[body, first : first + model.body_dofnum[body]] = True
+    return moves
