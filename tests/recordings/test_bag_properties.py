@@ -15,6 +15,7 @@ from twin_daemon.errors import BadInput
 from twin_daemon.recordings import load_recording
 from twin_daemon.recordings.assemble import assemble
 from twin_daemon.recordings.joint_state_wire import JointStateReader
+from twin_daemon.recordings.mcap_chunks import Batch
 from twin_daemon.recordings.quality import VALUE_KINDS
 
 from .bag_files import ROS1, ROS2, JointState, joint_state_bytes, write_bag
@@ -92,9 +93,10 @@ frames = st.sampled_from(["", "x", "base_link"])
     stream=st.lists(st.tuples(messages(), frames, st.booleans()), min_size=1, max_size=3),
     ros1=st.booleans(),
     cuts=st.lists(st.tuples(st.integers(0, 30), st.integers(0, 400), st.integers(0, 255)), max_size=3),
+    together=st.sampled_from([1, 2, 7, 100]),
 )
 def test_reading_by_layout_equals_reading_each_message_in_general(
-    stream: list[tuple[list[JointState], str, bool]], ros1: bool, cuts: list[tuple[int, int, int]]
+    stream: list[tuple[list[JointState], str, bool]], ros1: bool, cuts: list[tuple[int, int, int]], together: int
 ) -> None:
     raw = [
         joint_state_bytes(message, ros1=ros1, frame=frame, little_endian=little)
@@ -106,7 +108,7 @@ def test_reading_by_layout_equals_reading_each_message_in_general(
         if at < len(raw[index]):
             head, rest = raw[index][:at], raw[index][at + 1 :]
             raw[index] = head + bytes([byte]) + rest if byte % 2 else head
-    fast, fast_counts = _read(raw, ros1, True)
+    fast, fast_counts = _read(raw, ros1, True, together)
     general, general_counts = _read(raw, ros1, False)
     assert fast_counts == general_counts
     if fast is None or general is None:
@@ -120,11 +122,20 @@ def test_reading_by_layout_equals_reading_each_message_in_general(
             np.testing.assert_array_equal(one, other)
 
 
-def _read(raw: list[bytes], ros1: bool, fast: bool):
+def _batch(raw: list[bytes], first: int) -> Batch:
+    end = np.cumsum([len(message) for message in raw])
+    begin = end - [len(message) for message in raw]
+    return Batch(b"".join(raw), np.zeros(len(raw), int), begin, end, START + first + np.arange(len(raw)))
+
+
+def _read(raw: list[bytes], ros1: bool, fast: bool, together: int = 1):
     counts: Counter[str] = Counter()
     reader = JointStateReader(ROS1 if ros1 else ROS2, ros1=ros1, dropped=counts, fast=fast)
-    for index, message in enumerate(raw):
-        reader.feed(message, START + index)
+    for index in range(0, len(raw), together):
+        if together == 1:
+            reader.feed(raw[index], START + index)
+        else:
+            reader.feed_batch(_batch(raw[index : index + together], index))
     try:
         stream = assemble(reader.finish(), counts)
     except BadInput:

@@ -194,3 +194,18 @@ def test_what_is_no_recording_is_refused(content: bytes, tmp_path: Path) -> None
     with pytest.raises(BadInput):
         recover(tmp_path / "x.mcap.part", tmp_path / "back.mcap")
     assert [path.name for path in tmp_path.iterdir()] == ["x.mcap.part"]
+
+
+@pytest.mark.parametrize("overlap_ns", [0, 400_000_000])
+def test_chunks_that_overlap_in_time_are_read_in_the_order_of_receiving(tmp_path: Path, overlap_ns: int) -> None:
+    with StreamWriter(tmp_path / "r.mcap") as writer:
+        channel = writer.add_channel("joint_states")
+        for chunk in range(3):
+            for number in range(100):
+                stamp_ns = BEGIN_NS + (100 * chunk + number) * 10_000_000 - chunk * overlap_ns + chunk
+                sample = JointSample(stamp_ns, NAMES, np.array([number, chunk]))
+                writer.write(channel, stamp_ns, stamp_ns, cdr.encode(sample))
+            writer.flush()
+    recording = load_recording(tmp_path / "r.mcap")
+    assert recording.quality.dropped == {}
+    assert len(recording.stamp_ns) == 300

@@ -67,9 +67,7 @@ class Drift:
         self._touched_s = np.zeros(shape[1])
         self._last_ns: int | None = None
 
-    def add(
-        self, stamp_ns: int, residual_rad: np.ndarray, speed_rad_s: np.ndarray, touched: np.ndarray
-    ) -> list[Alarm]:
+    def add(self, stamp_ns: int, residual_rad: np.ndarray, speed_rad_s: np.ndarray, touched: np.ndarray) -> list[Alarm]:
         """Takes one residual (j,), NaN where a joint was not measured, the model's speeds (j,) and what was touched.
 
         Returns the alarms that it raises; a joint raises one, until `clear`.

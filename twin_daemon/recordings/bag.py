@@ -16,6 +16,7 @@ from twin_daemon.errors import BadInput
 from twin_daemon.recordings.assemble import Stream, assemble
 from twin_daemon.recordings.controller_topics import joint_of_topic
 from twin_daemon.recordings.joint_state_wire import JOINT_STATE, SECOND_NS, JointStateReader
+from twin_daemon.recordings.mcap_chunks import ChunkedBag
 from twin_daemon.recordings.recording import Commands
 from twin_daemon.recordings.rows import Rows
 from twin_daemon.recordings.trajectory_commands import TrajectoryMessage, expand_trajectories
@@ -34,6 +35,10 @@ class BagReader(Protocol):
     def messages(self, connections: Any) -> Iterable[tuple[Connection, int, bytes]]: ...
 
 
+Feed = JointStateReader | Callable[[bytes, int], None]
+"""What takes the messages of a topic: bytes, and when they were received."""
+
+
 @dataclass
 class Contents:
     """What a reader found: the streams, and what there is to say about them."""
@@ -48,7 +53,7 @@ class Contents:
     notes: list[str] = field(default_factory=list)
 
 
-def read_topics(reader: BagReader, typestore: Typestore, *, ros1: bool) -> Contents:
+def read_topics(reader: BagReader | ChunkedBag, typestore: Typestore, *, ros1: bool) -> Contents:
     """Measured joints and commands of an open bag, in one pass. Topics of other types are never looked into."""
     usable = [c for c in reader.connections if getattr(c.ext, "serialization_format", "cdr") == "cdr"]
     measured_topic, others = _measured_topic(usable)
@@ -56,16 +61,15 @@ def read_topics(reader: BagReader, typestore: Typestore, *, ros1: bool) -> Conte
     dropped: Counter[str] = Counter()
     joint_states = JointStateReader(typestore, ros1=ros1, dropped=dropped)
     source = _command_source(usable, measured_topic, typestore, ros1)
-    feeds: dict[int, Callable[[bytes, int], None]] = {}
-    for connection in usable:
-        if connection.topic == measured_topic and connection.msgtype == JOINT_STATE:
-            feeds[connection.id] = joint_states.feed
-        elif source is not None and (connection.topic, connection.msgtype) in source.topics:
-            feeds[connection.id] = source.feed_of(connection.topic)
-    wanted = [connection for connection in usable if connection.id in feeds]
-    for connection, received_ns, raw in reader.messages(wanted):
-        feeds[connection.id](raw, received_ns)
 
+    def feed_of(connection: Connection) -> Feed | None:
+        if connection.topic == measured_topic and connection.msgtype == JOINT_STATE:
+            return joint_states
+        if source is not None and (connection.topic, connection.msgtype) in source.topics:
+            return source.feed_of(connection.topic)
+        return None
+
+    _distribute(reader, {c.id: feed for c in usable if (feed := feed_of(c)) is not None})
     measured = assemble(joint_states.finish(), dropped)
     if measured is None:
         what = f"none of the {joint_states.messages} messages on {measured_topic} can be used ({_counts(dropped)})"
@@ -81,6 +85,22 @@ def read_topics(reader: BagReader, typestore: Typestore, *, ros1: bool) -> Conte
         contents.command_topics = tuple(sorted({topic for topic, _ in source.topics}))
         notes += source.notes
     return contents
+
+
+def _distribute(reader: BagReader | ChunkedBag, feeds: dict[int, Feed]) -> None:
+    """Gives the messages of each connection to its feed."""
+    readers = [feed for feed in dict.fromkeys(feeds.values()) if isinstance(feed, JointStateReader)]
+    single = {id_: feed.feed if isinstance(feed, JointStateReader) else feed for id_, feed in feeds.items()}
+    if not isinstance(reader, ChunkedBag):
+        for connection, received_ns, raw in reader.messages([c for c in reader.connections if c.id in feeds]):
+            single[connection.id](raw, received_ns)
+        return
+    others = [id_ for id_, feed in feeds.items() if not isinstance(feed, JointStateReader)]
+    for batch in reader.batches(feeds):
+        for each in readers:
+            each.feed_batch(batch.of([id_ for id_, feed in feeds.items() if feed is each]))
+        for id_, received_ns, raw in batch.of(others).messages():
+            single[id_](raw, received_ns)
 
 
 def _counts(dropped: Counter[str]) -> str:
@@ -114,7 +134,7 @@ class _Source(Protocol):
     dropped: Counter[str]
     notes: list[str]
 
-    def feed_of(self, topic: str) -> Callable[[bytes, int], None]: ...
+    def feed_of(self, topic: str) -> Feed: ...
 
     def commands(self, measured: Stream) -> Commands | None: ...
 
@@ -149,8 +169,8 @@ class _Streamed:
         self._topic = topic
         self._reader = JointStateReader(typestore, ros1=ros1, dropped=self.dropped)
 
-    def feed_of(self, topic: str) -> Callable[[bytes, int], None]:
-        return self._reader.feed
+    def feed_of(self, topic: str) -> Feed:
+        return self._reader
 
     def commands(self, measured: Stream) -> Commands | None:
         stream = assemble(self._reader.finish(), self.dropped)
@@ -173,7 +193,7 @@ class _Controllers:
         self._received: dict[str, list[tuple[int, int, float]]] = {}
         self._order = 0
 
-    def feed_of(self, topic: str) -> Callable[[bytes, int], None]:
+    def feed_of(self, topic: str) -> Feed:
         received = self._received.setdefault(topic, [])
 
         def feed(raw: bytes, received_ns: int) -> None:
@@ -211,7 +231,7 @@ class _Trajectories:
         self._messages: list[TrajectoryMessage] = []
         self._unstamped = 0
 
-    def feed_of(self, topic: str) -> Callable[[bytes, int], None]:
+    def feed_of(self, topic: str) -> Feed:
         return self._feed
 
     def _feed(self, raw: bytes, received_ns: int) -> None:

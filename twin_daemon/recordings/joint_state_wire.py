@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from rosbags.typesys.store import Typestore
 
+from twin_daemon.recordings.mcap_chunks import Batch
 from twin_daemon.recordings.rows import Block, Rows
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -54,6 +55,14 @@ class _Layout:
             and raw[self.effort_at : self.effort_at + 4] == self.efforts
         )
 
+    def fitting(self, rows: np.ndarray) -> np.ndarray:
+        """The same for many messages (n, size) uint8 at once: (n,) bool."""
+        parts = [(_HEAD_AT, self.head), (self.velocity_at, self.velocities), (self.effort_at, self.efforts)]
+        if self.start is not None:
+            parts.append((0, self.start))
+        same = [(rows[:, at : at + len(part)] == np.frombuffer(part, np.uint8)).all(axis=1) for at, part in parts]
+        return np.logical_and.reduce(same)
+
 
 @dataclass(frozen=True)
 class _Message:
@@ -75,6 +84,7 @@ class JointStateReader:
         self._layouts: dict[int, list[_Layout]] = {}  # by size of the message
         self._known_layouts = 0
         self._rows: dict[tuple[tuple[str, ...], bool, bool], Rows] = {}
+        self._first: dict[tuple[tuple[str, ...], bool, bool], int] = {}
         self.messages = 0
 
     def feed(self, raw: bytes, received_ns: int) -> None:
@@ -91,12 +101,43 @@ class JointStateReader:
                 return
         self._general(raw, received_ns, order)
 
+    def feed_batch(self, batch: Batch) -> None:
+        """Many messages at once, as a file holds them."""
+        size = batch.end - batch.begin
+        order = self.messages + np.arange(len(size))
+        self.messages += len(size)
+        for each in np.unique(size).tolist():
+            alike = np.flatnonzero(size == each)
+            raw = b"".join([batch.content[begin : begin + each] for begin in batch.begin[alike].tolist()])
+            rows = np.frombuffer(raw, np.uint8).reshape(len(alike), each)
+            self._feed_alike(rows, batch.received_ns[alike], order[alike])
+
+    def _feed_alike(self, rows: np.ndarray, received_ns: np.ndarray, order: np.ndarray) -> None:
+        """Messages of one size (n, size) uint8."""
+        waiting = np.ones(len(rows), dtype=bool)
+
+        def take(layout: _Layout) -> None:
+            fitting = layout.fitting(rows) & waiting
+            if fitting.any():
+                self._read(layout, rows if fitting.all() else rows[fitting], received_ns[fitting], order[fitting])
+                waiting[fitting] = False
+
+        for layout in self._layouts.get(rows.shape[1], ()):
+            take(layout)
+        while waiting.any():
+            first = int(waiting.argmax())
+            waiting[first] = False
+            known = self._known_layouts
+            self._general(rows[first].tobytes(), int(received_ns[first]), int(order[first]))
+            if self._known_layouts > known:
+                take(self._layouts[rows.shape[1]][-1])
+
     def finish(self) -> list[Rows]:
-        """All rows, one for each kind of message."""
+        """All rows, one for each kind of message, in the order in which the kinds appeared."""
         for layouts in self._layouts.values():
             for layout in layouts:
                 self._flush(layout)
-        return list(self._rows.values())
+        return [self._rows[key] for key in sorted(self._rows, key=self._first.__getitem__)]
 
     def _general(self, raw: bytes, received_ns: int, order: int) -> None:
         try:
@@ -111,6 +152,7 @@ class JointStateReader:
         if refused is None:
             key = (message.names, has_velocity, has_effort)
             rows = self._rows.setdefault(key, Rows(message.names, velocity=has_velocity, effort=has_effort))
+            self._first[key] = min(order, self._first.get(key, order))
             rows.add(message.stamp_ns, received_ns, order, message.position, message.velocity, message.effort)
         self._count(refused, ignored, 1)
         if self._fast and self._known_layouts < _MAX_LAYOUTS:
@@ -132,24 +174,27 @@ class JointStateReader:
         )
 
     def _flush(self, layout: _Layout) -> None:
-        count = len(layout.order)
-        if not count:
-            return
+        if layout.order:
+            rows = np.frombuffer(bytes(layout.raw), np.uint8).reshape(-1, layout.size)
+            self._read(layout, rows, np.array(layout.received_ns), np.array(layout.order))
+        layout.raw, layout.received_ns, layout.order = bytearray(), array("q"), array("q")
+
+    def _read(self, layout: _Layout, rows: np.ndarray, received_ns: np.ndarray, order: np.ndarray) -> None:
+        """Messages (n, size) uint8 that all fit a layout."""
         if layout.rows is not None:
-            read = np.frombuffer(bytes(layout.raw), dtype=layout.dtype)
+            read = rows.view(layout.dtype)[:, 0]
             joints = len(layout.rows.names)
             layout.rows.add_block(
                 Block(
                     read["sec"].astype(np.int64) * SECOND_NS + read["nanosec"],
-                    np.array(layout.received_ns, dtype=np.int64),
-                    np.array(layout.order, dtype=np.int64),
+                    received_ns,
+                    order,
                     read["position"].copy(),
                     read["velocity"].copy() if read["velocity"].shape[1] == joints else None,
                     read["effort"].copy() if read["effort"].shape[1] == joints else None,
                 )
             )
-        self._count(layout.refused, layout.ignored, count)
-        layout.raw, layout.received_ns, layout.order = bytearray(), array("q"), array("q")
+        self._count(layout.refused, layout.ignored, len(rows))
 
     def _count(self, refused: str | None, ignored: tuple[str, ...], count: int) -> None:
         for kind in (refused,) if refused is not None else ignored:

@@ -11,6 +11,7 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from twin_daemon.recordings.bag import Contents, read_topics
+from twin_daemon.recordings.mcap_chunks import ChunkedBag
 
 STORAGE_SUFFIXES = (".mcap", ".db3")
 
@@ -30,6 +31,8 @@ def read_ros2(path: Path) -> Contents:
         readers = [stack.enter_context(Reader(each)) for each in paths]
         # what is read here is the same in every distribution
         typestore = get_typestore(Stores.ROS2_JAZZY)
+        if chunked := ChunkedBag.of(readers):
+            return read_topics(chunked, typestore, ros1=False)
         if len(readers) == 1:
             return read_topics(readers[0], typestore, ros1=False)
         return read_topics(_Chain(readers), typestore, ros1=False)

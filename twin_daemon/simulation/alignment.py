@@ -44,13 +44,7 @@ class Aligned:
     @property
     def moving(self) -> np.ndarray:
         """(j,) bool: the joints whose measured travel says something about a model."""
-        with np.errstate(invalid="ignore"):
-            known = np.isfinite(self.measured).sum(axis=0) > 1
-            travel = np.zeros(len(self.joints))
-            if known.any():
-                low, high = np.nanpercentile(self.measured[:, known], [0.5, 99.5], axis=0)
-                travel[known] = high - low
-        return travel > MOVING_RAD
+        return np.array([_travel(column) > MOVING_RAD for column in np.ascontiguousarray(self.measured.T)])
 
     def with_onset(self, onset_s: float) -> Aligned:
         return replace(self, onset_s=float(onset_s))
@@ -83,13 +77,23 @@ _ONSET_REACH_S = 0.2
 _ONSET_FOUND_S = 2e-4
 
 
+def _travel(values: np.ndarray) -> float:
+    """Between the 0.5th and the 99.5th percentile of one joint's samples (n,), whatever single ones say."""
+    known = values[np.isfinite(values)]
+    if len(known) < 2:
+        return 0.0
+    low, high = np.percentile(known, [0.5, 99.5])
+    return float(high - low)
+
+
 def _start(time_s: np.ndarray, values: np.ndarray) -> tuple[float, float]:
     """(position, velocity) at time 0 from one joint's samples; at rest unless the first ones clearly move."""
     known = np.isfinite(values)
     if not known.any():
         return np.nan, 0.0
-    first = float(values[np.flatnonzero(known)[0]])
-    early = known & (time_s <= _SETTLE_S)
+    first = float(values[known.argmax()])
+    begin = slice(int(np.searchsorted(time_s, _SETTLE_S, side="right")))
+    time_s, values, early = time_s[begin], values[begin], known[begin]
     if early.sum() < 4:
         return first, 0.0
     slope, offset = np.polyfit(time_s[early], values[early], 1)
