@@ -11,9 +11,16 @@ from __future__ import annotations
 import argparse
 import tempfile
 import time
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from bench.picture import picture
 from twin_daemon.comparison.compare import compare_recording, mean_over_moving, pooled
+from twin_daemon.figures.style import MEASURED, REFERENCE, RESIDUAL, TWIN, styled
 from twin_daemon.hand import Hand, load_hand
 from twin_daemon.plant import Plant, parse_hidden
 from twin_daemon.plant.motions import rich
@@ -34,6 +41,26 @@ _WEEKS: tuple[tuple[str, ...], ...] = (
     ("viscous_friction:FFJ3=0.2", "tendon_elasticity:FFJ0=0.15", "backlash:FFJ4=0.04"),
     ("viscous_friction:FFJ3=0.25", "tendon_elasticity:FFJ0=0.2", "backlash:FFJ4=0.04"),
 )
+
+
+@dataclass(frozen=True)
+class Week:
+    """One line of the table; errors in rad^2."""
+
+    week: int
+    hidden: tuple[str, ...]
+    follows_rad2: float
+    anew_rad2: float
+    never_rad2: float
+    appeared: tuple[str, ...]
+    decided: str
+    took_s: float
+
+    def line(self) -> str:
+        follow, anew, left = self.follows_rad2, self.anew_rad2, self.never_rad2
+        cells = [self.week, ", ".join(self.hidden) or "nothing", f"{follow:.2g}", f"{anew:.2g}", f"{follow / anew:.1f}"]
+        cells += [f"{left:.2g}", f"{left / follow:.0f}", ", ".join(self.appeared) or "-", self.decided]
+        return "| " + " | ".join(map(str, [*cells, f"{self.took_s:.0f}"])) + " |"
 
 
 def recorded(hand: Hand, folder: Path, week: int) -> list[Path]:
@@ -60,7 +87,7 @@ def main() -> None:
     nominal = TwinModel.load(hand)
     follows = never = nominal
     promised: float | None = None
-    rows = []
+    rows: list[Week] = []
     with tempfile.TemporaryDirectory() as name:
         for week, hidden in enumerate(_WEEKS):
             train, held, later = (align(nominal, load_recording(p)) for p in recorded(hand, Path(name), week))
@@ -78,27 +105,51 @@ def main() -> None:
             fresh = found if week == 0 else fit(nominal, None)
             if week == 0:
                 never = follows
-            errors = [error(twin, later) for twin in (follows, fresh.twin, never)]
-            appeared = ", ".join(found.appeared) or "-"
+            follow, anew, left = (error(twin, later) for twin in (follows, fresh.twin, never))
             decided = "promoted" if found.decision.better else "kept: " + "; ".join(found.decision.against)
-            hides = ", ".join(hidden) or "nothing"
-            follow, anew, left = errors
-            cells = [week, hides, f"{follow:.2g}", f"{anew:.2g}", f"{follow / anew:.1f}", f"{left:.2g}"]
-            cells += [f"{left / follow:.0f}", appeared, decided, f"{took_s:.0f}"]
-            rows.append("| " + " | ".join(map(str, cells)) + " |")
-            print(rows[-1], flush=True)
+            rows.append(Week(week, hidden, follow, anew, left, tuple(found.appeared), decided, took_s))
+            print(rows[-1].line(), flush=True)
     if arguments.page:
-        arguments.page.write_text(_PAGE + "\n".join(rows) + "\n", encoding="utf-8")
+        drawn = arguments.page.parent / "pictures" / "wear.png"
+        picture(figure(rows), drawn)
+        lines = "\n".join(row.line() for row in rows)
+        arguments.page.write_text(_PAGE.replace("LINES", lines), encoding="utf-8")
+
+
+def figure(rows: Sequence[Week]) -> go.Figure:
+    """The errors of the three twins by week, and under them how they compare."""
+    weeks = [row.week for row in rows]
+    drawn = make_subplots(2, 1, shared_xaxes=True, vertical_spacing=0.08)
+    curves = (
+        (1, "never recalibrated", REFERENCE, "dot", [row.never_rad2 for row in rows]),
+        (1, "calibrated anew", RESIDUAL, "dash", [row.anew_rad2 for row in rows]),
+        (1, "follows", TWIN, "solid", [row.follows_rad2 for row in rows]),
+        (2, "never / follows", REFERENCE, "dot", [row.never_rad2 / row.follows_rad2 for row in rows]),
+        (2, "follows / anew", TWIN, "solid", [row.follows_rad2 / row.anew_rad2 for row in rows]),
+    )
+    for place, name, colour, dash, values in curves:
+        line = {"color": colour, "dash": dash, "width": 3}
+        drawn.add_trace(go.Scatter(x=weeks, y=values, name=name, mode="lines+markers", line=line), row=place, col=1)
+    drawn.add_hline(2.0, line={"color": MEASURED, "width": 1}, annotation_text="2", row=2, col=1)  # type: ignore[arg-type]
+    drawn.update_yaxes(type="log", exponentformat="power")
+    drawn.update_yaxes(title_text="error (rad²)", row=1, col=1)
+    drawn.update_yaxes(title_text="ratio", row=2, col=1)
+    drawn.update_xaxes(title_text="week", dtick=1, row=2, col=1)
+    return styled(drawn, "A finger wears: errors on motion that no fit has seen", height=620)
 
 
 _PAGE = """# Weeks of wear
 
-Made by `python -m bench.wear`. A finger of the stand-in hand wears from week to week; each week it is recorded for
-16 s. One twin follows (recalibrated from its own last version), one is calibrated anew from the model as it comes,
-one is never recalibrated after week 0. Errors in rad² on other motion of the same week, that no fit has seen.
+Made by `python -m bench.wear --page docs/wear.md`. A finger of the stand-in hand wears from week to week; each week it
+is recorded for 16 s. One twin follows (recalibrated from its own last version), one is calibrated anew from the model
+as it comes, one is never recalibrated after week 0. Errors in rad² on other motion of the same week, that no fit has
+seen.
+
+![errors and their ratios by week](pictures/wear.png)
 
 | week | worn by | follows | anew | ratio | never | never / follows | named as appeared | decision | s |
 |---|---|---|---|---|---|---|---|---|---|
+LINES
 """
 
 

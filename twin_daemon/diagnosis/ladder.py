@@ -1,7 +1,9 @@
 """The ladder: diagnose, add the strongest finding, refit, and again, until nothing passes the gate.
 
-The first effects explain most. Once a further one would not even halve the error, the values of all that is there are
-fitted together, in free roll-outs: what a wrong value leaves behind would else be given another effect's name.
+The first effects explain most. Before a joint is given a second one, or once a further one would not even halve the
+error, the values of all that is there are fitted together, in free roll-outs: what a wrong value leaves behind would
+else be given another effect's name. After that a second effect at a joint has to take away half of what is left there,
+or a share of what there was at first; less is the law of the first one, bent.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from twin_daemon.comparison.compare import compare_recording, mean_over_moving, pooled, raw_command_error
-from twin_daemon.diagnosis.diagnose import diagnose
+from twin_daemon.diagnosis.diagnose import REFINEMENT, diagnose
 from twin_daemon.diagnosis.refit import refit_effect, refit_parameters
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding, VerdictName
 from twin_daemon.effects import LIBRARY
@@ -135,10 +137,14 @@ def climb(
             if step is None:
                 ladder.refused.append(_name(finding))
                 continue
-            if not together and ladder.added and not _halves(ladder.twin, step[0], finding.joints, train):
+            again, halves = _names_again(ladder, finding), _halves(ladder.twin, step[0], finding.joints, train)
+            if not together and ladder.added and (again or not halves):
                 together = True
                 if fit_together():
                     continue
+            if again and not halves and not _large(twin, ladder.twin, step[0], finding.joints, train):
+                ladder.refused.append(_name(finding))
+                continue
             ladder.twin, rung = step
             ladder.steps.append(rung)
             look(None if finding.target == "hand" else part)
@@ -230,6 +236,22 @@ def _halves(before: TwinModel, after: TwinModel, joints: Sequence[str], recordin
         mean_over_moving(pooled([compare_recording(twin, r) for r in recordings]), joints) for twin in (before, after)
     )
     return old is not None and new is not None and new < 0.5 * old
+
+
+def _names_again(ladder: Ladder, finding: Finding) -> bool:
+    """Whether the joints of a finding have been given an effect before."""
+    return any(set(finding.joints) & set(step.joints) for step in ladder.steps if step.effect is not None)
+
+
+def _large(
+    first: TwinModel, before: TwinModel, after: TwinModel, joints: Sequence[str], recordings: Sequence[Aligned]
+) -> bool:
+    """Whether a further effect takes a share of the error that these joints had at first: smaller ones bend a law."""
+    start, old, new = (
+        mean_over_moving(pooled([compare_recording(twin, r) for r in recordings]), joints)
+        for twin in (first, before, after)
+    )
+    return start is not None and old is not None and new is not None and old - new >= REFINEMENT * start
 
 
 def _fit_together(ladder: Ladder, train: Sequence[Aligned], holdout: Sequence[Aligned], seed: int) -> bool:
