@@ -107,7 +107,7 @@ def test_the_error_stands_beside_what_the_version_showed(make_service: Make) -> 
     service = make_service()
     assert service.residual()["promoted_mse_rad2"] is None
     errors = {"after": {"mse_rad2": 1e-5}, "holdout_after": {"mse_rad2": 2e-5}}
-    service.use(service.predictor.twin, {"id": "fitted", "errors": errors})
+    service.use(service.ready(service.predictor.twin), {"id": "fitted", "errors": errors})
     assert service.residual()["promoted_mse_rad2"] == 2e-5
 
 
@@ -204,7 +204,7 @@ def test_another_version_takes_over_without_a_break(
     service.on_command(JointSample(0, ("rh_FFJ3",), np.array([0.4])))
     feed(service, clock, joint_state, 0.5)
     service.take_events()
-    service.use(TwinModel.load(twin.hand), {"id": "v2"})
+    service.use(service.ready(TwinModel.load(twin.hand)), {"id": "v2"})
     feed(service, clock, joint_state, 0.5)
     state = service.state()
     assert (state["version"], state["status"], state["fresh_joints"]) == ("v2", "following", 24)

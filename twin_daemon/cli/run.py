@@ -39,6 +39,7 @@ Namespace = Annotated[
     str | None, typer.Option("--namespace", metavar="NS", help="First part of the keys; default the hand's name.")
 ]
 _POLL_S = 1.0
+_SWITCH_S = 0.0005
 _GATE_S = 1.5  # its thread comes round twice a second where nothing moves
 AUDIT = "audit.jsonl"
 
@@ -118,7 +119,7 @@ def command(
         named = [*named_hand(hand, model), "--namespace", service.namespace, "--endpoint", address]
         recalibrator = Recalibrator(settings.recalibration, keeper, service, source.store, folder, named)
         stack.callback(recalibrator.close)
-        promotions = Promotions(source)
+        promotions = Promotions(source, service.ready)
         stack.callback(promotions.close)
         answers = {
             "versions": source.answer,
@@ -162,6 +163,8 @@ def command(
         log.info("the twin of %s %s, version %s", service.namespace, where, info["id"])
         gc.collect()
         gc.freeze()  # what is here stays: the collector need not walk through it while samples wait
+        # a thread that works in Python keeps the others waiting for so long; a sample is not to notice
+        sys.setswitchinterval(_SWITCH_S)
         notifier.say("READY=1")
         bridge.run(stop, seconds, each_turn=_chores(service, promotions, tend, diagnoser, recalibrator))
         notifier.say("STOPPING=1")

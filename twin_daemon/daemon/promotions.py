@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import logging
 import threading
+from collections.abc import Callable
 from queue import Empty, SimpleQueue
 from typing import Any
 
 from twin_daemon.daemon.models import ModelSource
+from twin_daemon.daemon.ready import Ready
 from twin_daemon.errors import TwinError
 from twin_daemon.simulation.twin import TwinModel
 
@@ -17,16 +19,20 @@ _POLL_S = 0.5
 
 
 class Promotions:
-    """Polls a model source in a thread of its own. `take` gives what was promoted since, once."""
+    """Polls a model source in a thread of its own, and has `prepare` make ready what was promoted there.
 
-    def __init__(self, source: ModelSource) -> None:
+    `take` gives it, once.
+    """
+
+    def __init__(self, source: ModelSource, prepare: Callable[[TwinModel], Ready]) -> None:
         self._source = source
-        self._found: SimpleQueue[tuple[TwinModel, dict[str, Any]]] = SimpleQueue()
+        self._prepare = prepare
+        self._found: SimpleQueue[tuple[Ready, dict[str, Any]]] = SimpleQueue()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="twin-versions", daemon=True)
         self._thread.start()
 
-    def take(self) -> tuple[TwinModel, dict[str, Any]] | None:
+    def take(self) -> tuple[Ready, dict[str, Any]] | None:
         """The newest version that was promoted and not taken yet."""
         newest = None
         try:
@@ -43,11 +49,9 @@ class Promotions:
         while not self._stop.wait(_POLL_S):
             try:
                 found = self._source.poll()
+                if found is not None:
+                    self._found.put((self._prepare(found[0]), found[1]))
             except TwinError as error:
                 log.warning("the promoted version is not used: %s", error.line())
-                continue
             except Exception as error:
                 log.warning("the promoted version is not used: %r", error)
-                continue
-            if found is not None:
-                self._found.put(found)

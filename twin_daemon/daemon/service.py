@@ -20,8 +20,8 @@ from twin_daemon.daemon.events import Event, EventLog
 from twin_daemon.daemon.intake import MAX_NAMES, Intake
 from twin_daemon.daemon.messages import JointSample, Output, number
 from twin_daemon.daemon.mirror import Mirror
-from twin_daemon.daemon.posture import Posture
-from twin_daemon.daemon.predictor import Prediction, Predictor, as_sample
+from twin_daemon.daemon.predictor import Prediction, as_sample
+from twin_daemon.daemon.ready import Ready
 from twin_daemon.daemon.residual import Residual
 from twin_daemon.daemon.settings import DaemonSettings
 from twin_daemon.daemon.timing import Timing
@@ -73,7 +73,7 @@ class TwinService:
         self._last_residual_s = -np.inf
         self._was_stale = True
         self._lock = threading.RLock()
-        self._load(twin, version)
+        self._load(Ready.made(twin, self.settings, None), version)
         self.tell("started", f"the twin of {self.hand.description.name} runs version {version['id']}")
 
     # -- in ------------------------------------------------------------------------------------------------
@@ -189,17 +189,21 @@ class TwinService:
                 self.commands_received += 1
                 self.command_counts[kind] += 1
 
-    def use(self, twin: TwinModel, version: dict[str, Any]) -> None:
-        """Goes on with another model of the same joints; it starts at the next measurement."""
-        if twin.joints != self.joints:
+    def ready(self, twin: TwinModel) -> Ready:
+        """Makes ready another model of the same joints, for `use`; from any thread, and nothing waits for it."""
+        return Ready.made(twin, self.settings, self.gate)
+
+    def use(self, model: Ready, version: dict[str, Any]) -> None:
+        """Goes on with another model; it starts at the next measurement."""
+        if model.twin.joints != self.joints:
             raise ValueError(f"version {version['id']} has other joints than the hand in use")
         with self._lock:
             before = self.version_info["id"]
-            self._load(twin, version, self.predictor)
+            model.predictor.inherit(self.predictor)
+            self._load(model, version)
+            self.retune(self.settings)
             self.residuals.clear()
             self.drifts.clear()
-            if self.gate is not None:
-                self.gate.use(twin)
             self.tell("version", f"version {version['id']} replaces {before}")
 
     def retune(self, settings: DaemonSettings) -> None:
@@ -208,14 +212,12 @@ class TwinService:
             self.settings = settings
             self.predictor.retime(settings.horizon_s, settings.max_catch_up_s)
 
-    def _load(self, twin: TwinModel, version: dict[str, Any], before: Predictor | None = None) -> None:
-        predictor = Predictor(twin, self.settings.horizon_s, self.settings.max_catch_up_s)
-        if before is not None:
-            predictor.inherit(before)
-        self.predictor = predictor
+    def _load(self, model: Ready, version: dict[str, Any]) -> None:
+        self.predictor, self.posture = model.predictor, model.posture
         self.version_info = version
         self._mjcf: str | None = None
-        self.posture = Posture(twin)
+        if self.gate is not None and model.foresight is not None:
+            self.gate.use(model.foresight)
 
     # -- out -----------------------------------------------------------------------------------------------
 

@@ -12,6 +12,7 @@ import secrets
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,14 @@ _REMEMBERED = 512  # stamps of commands that were sent
 _STREAM_S = 1.0  # targets closer than this are one stream
 _RESEND_S = 0.2  # a target that is held is said again: one message may be lost
 _GRACE_S = 0.5  # for another source to notice that it is no longer the only one
+
+
+@dataclass(frozen=True)
+class Foresight:
+    """A model's geometry ahead of the hand, and the planner of its motions."""
+
+    preview: Preview
+    planner: Planner
 
 
 class Gate:
@@ -71,13 +80,17 @@ class Gate:
         self._number = self._stamp_ns = 0
         self._streamed_s = -np.inf
         self._senses = Senses(twin, self.limits)
-        self.use(twin)
+        self.use(self.foresight(twin))
 
-    def use(self, twin: TwinModel) -> None:
-        """Looks ahead and rehearses with this model from now on."""
-        ahead, planner = Preview(twin, self.settings.collision_depth_m), Planner(twin, self.limits, self.settings)
+    def foresight(self, twin: TwinModel) -> Foresight:
+        """What this gate looks ahead and rehearses with, of another model of the hand. Takes some milliseconds."""
+        ahead = Preview(twin, self.settings.collision_depth_m)
+        return Foresight(ahead, Planner(twin, self.limits, self.settings))
+
+    def use(self, foresight: Foresight) -> None:
+        """Looks ahead and rehearses with this from now on."""
         with self._lock:
-            self._ahead, self._planner = ahead, planner
+            self._ahead, self._planner = foresight.preview, foresight.planner
 
     # -- what is seen of the hand --------------------------------------------------------------------------
 
