@@ -40,7 +40,7 @@ def command(
 
     The twin with all effects is stored as a candidate version. Ctrl-C keeps the steps done.
     """
-    from twin_daemon.diagnosis.ladder import climb
+    from twin_daemon.diagnosis.climb import climb
 
     require_folder(json, plot)
     session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)

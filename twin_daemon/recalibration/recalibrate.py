@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from twin_daemon.diagnosis.ladder import Ladder, climb
+from twin_daemon.diagnosis.climb import climb
+from twin_daemon.diagnosis.ladder import Ladder
 from twin_daemon.fitting.calibrate import Calibration, FittedParameter, calibrate
 from twin_daemon.fitting.spaces import Space, knobs_of, load_space
 from twin_daemon.fitting.tracker import Progress

@@ -1,0 +1,256 @@
+"""The ladder: diagnose, add the strongest finding, refit, and again, until nothing passes the gate.
+
+The first effects explain most: each part of the hand is given its own, the strongest first, before any is looked at
+again. Where several parts have been given one, before a joint is given a second one, or once a further one would not
+even halve the error, the values of all that is there are fitted together, in free roll-outs: what a wrong value leaves
+behind would else be given another effect's name. After that a second effect at a joint has to take away half of what is
+left there, or a share of what there was at first; less is the law of the first one, bent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from twin_daemon.comparison.compare import raw_command_error
+from twin_daemon.diagnosis.diagnose import REFINEMENT, diagnose
+from twin_daemon.diagnosis.ladder import Ladder, Step, mean_error
+from twin_daemon.diagnosis.refit import refit_effect, refit_parameters
+from twin_daemon.diagnosis.verdict import Diagnosis, Finding, VerdictName
+from twin_daemon.effects import LIBRARY
+from twin_daemon.errors import BadInput
+from twin_daemon.fitting.calibrate import Calibration, calibrate
+from twin_daemon.fitting.spaces import load_space
+from twin_daemon.simulation.alignment import Aligned
+from twin_daemon.simulation.submodel import parts
+from twin_daemon.simulation.twin import TwinModel
+
+# What the whole hand is called when its parts differ: the first of these that any part is.
+_GRAVEST: tuple[VerdictName, ...] = ("unexplained", "ambiguous", "explained", "within_noise", "not_excited")
+
+_NOTHING_MOVES = "no joint moves by more than 0.05 rad: record steps, two speeds, small reversals and holds"
+
+_TOGETHER = "with-effects"  # the space of all values
+_HALF = 0.5
+
+Say = Callable[[str], None]
+
+
+def climb(
+    twin: TwinModel,
+    train: Sequence[Aligned],
+    holdout: Sequence[Aligned],
+    *,
+    max_steps: int,
+    whole: Sequence[Aligned] = (),
+    seed: int = 0,
+    say: Say | None = None,
+) -> Ladder:
+    """Adds one effect after another, each fitted on `train` and counted only where `holdout` gets better by it.
+
+    What in the end predicts held-out motion worse than the raw command does is taken back, all of it. With each effect
+    the model's own parameters of its part are refitted under their priors; what these alone would do, without any
+    effect, is `parameters_alone`. Where `holdout` was cut out of the same recordings, these are `whole`: in the end
+    the values are fitted to all of them, and nothing is left to judge that by. Ctrl-C ends it; the steps done are in
+    the answer.
+    """
+    climber = _Climber(twin, train, holdout, seed, say or (lambda _: None))
+    try:
+        climber.begin()
+        while climber.ladder.added < max_steps and climber.climb_on():
+            pass
+        climber.end(whole)
+    except KeyboardInterrupt:
+        climber.ladder.interrupted = True
+    return climber.told()
+
+
+class _Climber:
+    """A climb under way. `_parts` is what the last diagnosis said of each; `_changed` are those that changed since."""
+
+    def __init__(
+        self, twin: TwinModel, train: Sequence[Aligned], holdout: Sequence[Aligned], seed: int, say: Say
+    ) -> None:
+        self._first, self._train, self._holdout, self._seed, self._say = twin, train, holdout, seed, say
+        self.ladder = Ladder(twin, [self._step(None, {}, twin)])
+        self._parts: dict[str, Diagnosis] = {}
+        self._changed: set[str] = set()
+        self._together = False
+
+    def begin(self) -> None:
+        """The first look, and what parameters alone would do."""
+        self._look(None)
+        self._at_first = dict(self._parts)
+        if self.ladder.steps[0].verdict not in ("not_excited", "within_noise"):
+            twin = self._first
+            alone = twin.changed(twin.terms.with_parameters(refit_parameters(twin, self._train)))
+            self.ladder.parameters_alone = (mean_error(alone, self._train), mean_error(alone, self._holdout))
+
+    def climb_on(self) -> bool:
+        """One thing more: an effect, values fitted together, a look at what changed. False where nothing is left."""
+        part, finding = self._strongest()
+        if finding is None:
+            if not self._changed:
+                return False
+            if len(self._changed) == 1 or not self._fitted_together():
+                self._look(set(self._changed))
+            return True
+        self._say(f"adding {finding.effect} at {finding.target}")
+        twin, step = self._with(finding) or (None, None)
+        if twin is None or step is None:
+            self.ladder.refused.append(_name(finding))
+            return True
+        joints = finding.joints
+        start, old, new = (mean_error(each, self._train, joints) for each in (self._first, self.ladder.twin, twin))
+        again = self.ladder.has_effect_at(joints)
+        halves = old is not None and new is not None and new < _HALF * old
+        if self.ladder.added and (again or not halves) and self._fitted_together():
+            return True
+        large = start is not None and old is not None and new is not None and old - new >= REFINEMENT * start
+        if again and not halves and not large:
+            self.ladder.refused.append(_name(finding))
+            return True
+        self.ladder.twin = twin
+        self._parts[part] = _with_its_finding(self._parts[part])
+        self._changed.add(part)
+        self.ladder.steps.append(self._judged(step))
+        if finding.target == "hand":
+            self._look(None)
+        return True
+
+    def end(self, whole: Sequence[Aligned]) -> None:
+        """What is left to look at, to fit together, to take back, or to fit to the whole recordings."""
+        ladder = self.ladder
+        if self._changed:
+            self._look(set(self._changed))
+        if ladder.added and ladder.steps[-1].verdict == "unexplained":
+            self._fitted_together()
+        if self._worse_than_raw():
+            ladder.take_back(self._first)
+            self._parts = self._at_first
+        if whole and any(step.together for step in ladder.steps):
+            self._say("fitting the same values to the whole recordings")
+            found = self._fit(whole, ())
+            ladder.twin, ladder.parameters = ladder.twin.changed(found.terms), found.parameters
+            last = self._step(None, {}, ladder.twin, whole, ())
+            ladder.steps.append(replace(last, together=True, verdict=ladder.steps[-1].verdict))
+
+    def told(self) -> Ladder:
+        """The ladder with the reason for its verdict."""
+        gravest = self._gravest()
+        if gravest is not None:
+            self.ladder.reason = gravest.reason
+        elif not self.ladder.interrupted:
+            self.ladder.reason = _NOTHING_MOVES
+        return self.ladder
+
+    # -- diagnosis -----------------------------------------------------------------------------------------
+
+    def _look(self, only: Collection[str] | None) -> None:
+        """Diagnoses some parts again, or all: what was found in one stays true while another one changes."""
+        twin, train = self.ladder.twin, self._train
+        moving = {name for i, name in enumerate(twin.joints) if any(r.moving[i] for r in train)}
+        for part in parts(twin):
+            own = [name for name in part.joints if name in moving]
+            if own and (only is None or part.name in only):
+                found = diagnose(
+                    twin, train, self._holdout, joints=own, seed=self._seed, stream=self._say, most_effects=1
+                )
+                self._parts[part.name] = found
+                self._changed.discard(part.name)
+                if found.interrupted:
+                    raise KeyboardInterrupt
+        self._changed.clear()
+        self.ladder.steps[-1] = self._judged(self.ladder.steps[-1])
+
+    def _strongest(self) -> tuple[str, Finding | None]:
+        """The finding with the most evidence, and its part."""
+        every = [(f.evidence, name, f) for name, d in self._parts.items() for f in d.findings]
+        left = [item for item in every if _name(item[2]) not in self.ladder.refused]
+        return max(left, key=lambda item: item[:2])[1:] if left else ("", None)
+
+    def _gravest(self) -> Diagnosis | None:
+        return min(self._parts.values(), key=lambda d: _GRAVEST.index(d.verdict), default=None)
+
+    def _judged(self, step: Step) -> Step:
+        gravest = self._gravest()
+        return replace(step, verdict=gravest.verdict if gravest is not None else "not_excited")
+
+    # -- fits ----------------------------------------------------------------------------------------------
+
+    def _with(self, finding: Finding) -> tuple[TwinModel, Step] | None:
+        """The twin with a finding, refitted; None where it cannot stand beside the others or predicts worse."""
+        twin, effect = self.ladder.twin, LIBRARY[finding.effect]
+        start = effect.complete({name: p.value for name, p in finding.parameters.items()})
+        try:
+            refit = refit_effect(twin, self._train, effect, [finding.target], {}, start=start)
+            changed = twin.changed(twin.terms.with_effect(refit.terms[0]).with_parameters(refit.parameters))
+        except BadInput:
+            return None
+        values = {name: refit.terms[0].values[name] for name in finding.parameters}
+        step = self._step(finding, values, changed)
+        return (changed, step) if step.better_than(self.ladder.steps[-1]) else None
+
+    def _fitted_together(self) -> bool:
+        """Fits all values at once, the first time; whether held-out motion got better, and all was looked at anew."""
+        if self._together:
+            return False
+        self._together = True
+        self._say("fitting the values of all effects and parameters together")
+        ladder, found = self.ladder, self._fit(self._train, self._holdout)
+        changed = ladder.twin.changed(found.terms)
+        step = replace(self._step(None, {}, changed), together=True)
+        better = step.better_than(ladder.steps[-1])
+        if better:
+            ladder.twin, ladder.parameters = changed, found.parameters
+            ladder.steps.append(self._judged(step))
+        if found.interrupted:
+            raise KeyboardInterrupt
+        if better:
+            self._look(None)
+        return better
+
+    def _fit(self, train: Sequence[Aligned], holdout: Sequence[Aligned]) -> Calibration:
+        return calibrate(self.ladder.twin, train, holdout, load_space(_TOGETHER), "multi-start", seed=self._seed)
+
+    def _worse_than_raw(self) -> bool:
+        """Whether held-out motion is predicted better by the command itself than by what has been climbed to."""
+        if not self.ladder.added or not self._holdout:
+            return False
+        raw = raw_command_error(self.ladder.twin, self._holdout)
+        reached = self.ladder.last_judged.holdout_mse_rad2
+        return raw is not None and reached is not None and reached >= raw
+
+    def _step(
+        self,
+        finding: Finding | None,
+        values: dict[str, float],
+        twin: TwinModel,
+        train: Sequence[Aligned] | None = None,
+        holdout: Sequence[Aligned] | None = None,
+    ) -> Step:
+        return Step(
+            effect=finding.effect if finding else None,
+            target=finding.target if finding else None,
+            joints=finding.joints if finding else (),
+            parameters=values,
+            mse_rad2=_finite(mean_error(twin, self._train if train is None else train)),
+            holdout_mse_rad2=_finite(mean_error(twin, self._holdout if holdout is None else holdout)),
+            verdict=None,
+        )
+
+
+def _with_its_finding(part: Diagnosis) -> Diagnosis:
+    """What a diagnosis of a part said of it with its finding, until the part is looked at again."""
+    settled = part.verdict in ("explained", "ambiguous")
+    return replace(part, findings=(), verdict="within_noise" if settled else part.verdict)
+
+
+def _name(finding: Finding) -> str:
+    return f"{finding.effect}:{finding.target}"
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and np.isfinite(value) else None
