@@ -3,8 +3,8 @@
 The first effects explain most: each part of the hand is given its own, the strongest first, before any is looked at
 again. Where several parts have been given one, before a joint is given a second one, or once a further one would not
 even halve the error, the values of all that is there are fitted together, in free roll-outs: what a wrong value leaves
-behind would else be given another effect's name. After that a second effect at a joint has to take away half of what is
-left there, or a share of what there was at first; less is the law of the first one, bent.
+behind would else be given another effect's name. From then on an effect has to take away half of what is left at its
+joints, or a share of what they had at first: less only bends the laws of those that are there.
 """
 
 from __future__ import annotations
@@ -103,13 +103,12 @@ class _Climber:
             self.ladder.refused.append(_name(finding))
             return True
         joints = finding.joints
-        start, old, new = (mean_error(each, self._train, joints) for each in (self._first, self.ladder.twin, twin))
-        again = self.ladder.has_effect_at(joints)
-        halves = old is not None and new is not None and new < _HALF * old
-        if self.ladder.added and (again or not halves) and self._fitted_together():
+        errors = [mean_error(each, self._train, joints) for each in (self._first, self.ladder.twin, twin)]
+        start, old, new = (np.nan if error is None else error for error in errors)
+        halves, large = new < _HALF * old, old - new >= REFINEMENT * start
+        if self.ladder.added and not (halves and self.ladder.spares(joints)) and self._fitted_together():
             return True
-        large = start is not None and old is not None and new is not None and old - new >= REFINEMENT * start
-        if again and not halves and not large:
+        if self.ladder.added and not (halves or large):
             self.ladder.refused.append(_name(finding))
             return True
         self.ladder.twin = twin

@@ -57,9 +57,9 @@ class Ladder:
         """The last step that held-out motion has judged; the first where there is none."""
         return next((s for s in reversed(self.steps) if s.holdout_mse_rad2 is not None), self.steps[0])
 
-    def has_effect_at(self, joints: Sequence[str]) -> bool:
-        """Whether one of some joints has been given an effect."""
-        return any(set(joints) & set(step.joints) for step in self.steps if step.effect is not None)
+    def spares(self, joints: Sequence[str]) -> bool:
+        """Whether none of some joints has been given an effect."""
+        return not any(set(joints) & set(step.joints) for step in self.steps if step.effect is not None)
 
     def take_back(self, twin: TwinModel) -> None:
         """Back to the beginning: what was added is listed with what did not hold."""
