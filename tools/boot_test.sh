@@ -121,7 +121,7 @@ check() {  # words, unit, signal, the most seconds
     local answer seconds
     answer=$(probe "$2" "$3" $([ "$2" = twin-daemon ] && echo "$version")) || fail "$2, $1: it does not do its work"
     read -r seconds found <<< "$answer"
-    echo "$2, $1: after $seconds s $found"
+    echo "$2, $1: after $seconds s ${found:0:12}"
     awk -v took="$seconds" -v most="$4" 'BEGIN { exit took > most }' || fail "$2, $1: $seconds s are more than $4 s"
 }
 check_all() {  # words, the most seconds
