@@ -41,14 +41,15 @@ def too_much(packed: int) -> BadInput:
 def bound_rosbags() -> None:
     """Gives the readers of rosbags their bounds, once. LZ4 has its own: it becomes at most 255 times as much."""
     ros1.decompressors["bz2"] = _unpacker(BZ2Decompressor)
-    zstd = _unpacker(ros2.zstd.ZstdDecompressor)
+    packer: Any = ros2.zstd  # type: ignore[attr-defined]
+    zstd = _unpacker(packer.ZstdDecompressor)
     storage_mcap.DECOMPRESSORS["zstd"] = lambda data, _: zstd(data)
-    ros2.zstd = SimpleNamespace(decompress=zstd, open=_opener(ros2.zstd.open))
+    ros2.zstd = SimpleNamespace(decompress=zstd, open=_opener(packer.open))  # type: ignore[attr-defined]
     open_tables = storage_sqlite3.Sqlite3Reader._open
 
-    def open_plain(reader: storage_sqlite3.Sqlite3Reader) -> None:
-        _require_plain_tables(Path(str(reader.path)))
-        open_tables(reader)
+    def open_plain(self: storage_sqlite3.Sqlite3Reader) -> None:
+        _require_plain_tables(Path(str(self.path)))
+        open_tables(self)
 
     storage_sqlite3.Sqlite3Reader._open = open_plain
 
@@ -88,7 +89,7 @@ def _opener(open_packed: Callable[..., Any]) -> Callable[..., Any]:
 
 def _require_plain_tables(path: Path) -> None:
     """A database may compute what it is asked for, without end: views, triggers, virtual tables, generated columns."""
-    apsw = storage_sqlite3.apsw
+    apsw = storage_sqlite3.apsw  # type: ignore[attr-defined]
     connection = apsw.Connection(f"file:{path}?immutable=1", flags=apsw.SQLITE_OPEN_READONLY | apsw.SQLITE_OPEN_URI)
     try:
         found = connection.execute(
