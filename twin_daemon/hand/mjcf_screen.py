@@ -77,7 +77,7 @@ class _Screen:
             self._elements += copies
             if self._elements > MAX_ELEMENTS:
                 raise _too_many(path)
-            self._cells += _cells(tag, attributes, path)
+            self._cells += copies * _cells(tag, attributes, path)
             self._folders.update(value for key in _FOLDERS if (value := attributes.get(key)))
             self.attached += copies if tag == "attach" else 0.0
             for value in (attributes[key] for key in _FILES if attributes.get(key)):
@@ -123,6 +123,8 @@ def _pixels(path: Path, where: Path) -> float:
         status = path.stat()
     except OSError:
         return 0.0  # MuJoCo says that it is not there
+    if stat.S_ISDIR(status.st_mode):
+        return 0.0
     if not stat.S_ISREG(status.st_mode) or status.st_size > MAX_FILE_BYTES:
         raise BadInput(f"this is no file of up to {MAX_FILE_BYTES} bytes: {path}", where=where)
     with path.open("rb") as file:

@@ -56,13 +56,16 @@ def bound_rosbags() -> None:
 
 def _unpacker(make: Callable[[], Any]) -> Callable[[bytes], bytes]:
     def unpack(data: bytes) -> bytes:
-        decompressor = make()
-        unpacked = decompressor.decompress(data, most_bytes(len(data)) + 1)
-        if len(unpacked) > most_bytes(len(data)):
-            raise too_much(len(data))
-        if not decompressor.eof:
-            raise EOFError("packed data that end too early")
-        return unpacked
+        packed, unpacked = len(data), b""
+        while True:  # one frame after the other
+            decompressor = make()
+            unpacked += decompressor.decompress(data, most_bytes(packed) + 1 - len(unpacked))
+            if len(unpacked) > most_bytes(packed):
+                raise too_much(packed)
+            if not decompressor.eof:
+                raise EOFError("packed data that end too early")
+            if not (data := decompressor.unused_data):
+                return unpacked
 
     return unpack
 
