@@ -32,7 +32,7 @@ bench: setup  ## how long a diagnosis of the whole hand takes, then the hidden s
 suite: setup  ## the hidden suite: its rates and its confusion matrix, into docs/hidden-suite.md (an hour)
 	@$(BIN)/python -m bench.hidden_suite --folder build/suite --page docs/hidden-suite.md --workers $(WORKERS)
 
-fuzz: setup  ## 100 000 hostile inputs through readers, decoders, configuration and requests (ten minutes)
+fuzz: setup  ## 100 000 hostile inputs through readers, decoders, configuration and requests (ten to twenty minutes)
 	@$(BIN)/python -m bench.fuzz
 
 boot: setup  ## a real boot of the service in a container: killed, stopped, rebooted (root, debootstrap, systemd-nspawn)

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import subprocess
 from pathlib import Path
 from typing import Any
 
-import psutil
-
-from twin_daemon.resources import twin_command
+from twin_daemon.resources import step_back, twin_command
 
 _END_S = 5.0
 _MOST_SAID = 500
@@ -30,8 +27,7 @@ class Child:
             text=True,
             errors="replace",
         )
-        with contextlib.suppress(psutil.Error):  # it has ended already
-            psutil.Process(self._process.pid).nice(nice)
+        step_back(self._process.pid, nice)
 
     @property
     def running(self) -> bool:

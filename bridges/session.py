@@ -54,6 +54,7 @@ def session_config(
         "transport/unicast/open_timeout": 3000,
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
+        "scouting/delay": 0,  # a router would wait half a second for others that it does not look for
         # at 1.5 kB a message it is slower, and its mlock fails under systemd's limits
         "transport/shared_memory/enabled": False,
         **(more or {}),

@@ -23,6 +23,7 @@ from twin_daemon.daemon.service import TwinService
 
 log = logging.getLogger(__name__)
 Answer = Callable[[str], dict[str, Any] | None]
+_ACTS = ("diagnose",)
 
 
 class ZenohBridge:
@@ -116,6 +117,8 @@ class ZenohBridge:
             try:
                 with query:
                     asked = str(query.key_expr)
+                    if "*" in asked and name in _ACTS:
+                        return  # to ask for everything is to look, and looking begins nothing
                     # a selector with wildcards asks several at once: each answers under its own key
                     own = fixed if "*" in asked else asked
                     found = answer(own.removeprefix(fixed).strip("/"))

@@ -1,16 +1,20 @@
 #!/usr/bin/env bash
-# A real boot: Debian bookworm in a container, the wheel installed, the service started, a stand-in hand shadowed. Then the
-# daemon is stopped (kill -STOP), killed (kill -9) and the whole system rebooted: each time everything must come back by itself.
+# A real boot: Debian bookworm in a container, the wheel installed, the service started, a stand-in hand shadowed. Then daemon
+# and workbench are stopped (kill -STOP) and killed (kill -9) and the whole system is rebooted: each time everything must come
+# back by itself.
 # Needs root, debootstrap, systemd-nspawn, nsenter and a Debian mirror; where one is missing it says so in a line and ends
 # with 0, or with 77 if BOOT_STRICT is set. BOOT_CACHE (build/boot) keeps the bare system and the packages.
-# With BOOT_ROS=1 the system gets ROS 2 as well, and the bridge must come up and back, too.
+# With BOOT_ROS=1 the system gets ROS 2 as well, and the bridge is treated in the same way.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 cache=$(realpath -m "${BOOT_CACHE:-build/boot}")
 mirror=${BOOT_MIRROR:-http://deb.debian.org/debian}
 python=$(realpath -s "${PYTHON:-.venv/bin/python}")
-within_s=5.0
+# The most seconds until a unit does its work again after kill -STOP and after kill -9: its watchdog, then its start.
+declare -A stop_s=([twin-daemon]=5 [twin-workbench]=20 [twin-bridge-ros2]=15)
+declare -A kill_s=([twin-daemon]=5 [twin-workbench]=10 [twin-bridge-ros2]=10)
+units=(twin-daemon twin-workbench ${BOOT_ROS:+twin-bridge-ros2})
 
 skip() { echo "boot test left out: $1"; exit "$([ -n "${BOOT_STRICT:-}" ] && echo 77 || echo 0)"; }
 [ "$(id -u)" = 0 ] || skip "it needs root"
@@ -109,8 +113,20 @@ inside() {
 probe() { inside /opt/twin_daemon/.venv/bin/python /opt/boot_probe.py "$@"; }
 fail() {
     echo "boot test FAILED: $1"
-    inside journalctl --no-pager -n 40 -u twin-daemon || tail -20 "$run/console.log"
+    inside journalctl --no-pager -n 60 -u 'twin-*' || tail -20 "$run/console.log"
     exit 1
+}
+version=
+check() {  # words, unit, signal, the most seconds
+    local answer seconds
+    answer=$(probe "$2" "$3" $([ "$2" = twin-daemon ] && echo "$version")) || fail "$2, $1: it does not do its work"
+    read -r seconds found <<< "$answer"
+    echo "$2, $1: after $seconds s ${found:0:12}"
+    awk -v took="$seconds" -v most="$4" 'BEGIN { exit took > most }' || fail "$2, $1: $seconds s are more than $4 s"
+}
+check_all() {  # words, the most seconds
+    local unit
+    for unit in "${units[@]}"; do check "$1" "$unit" 0 "$2"; done
 }
 wait_up() {
     local began=$SECONDS
@@ -119,33 +135,20 @@ wait_up() {
         sleep 0.2
     done
 }
-check() {  # words, signal, the most seconds
-    local answer seconds
-    answer=$(probe "$2" "$pid" "$version") || fail "$1: not back with the same version and state"
-    read -r seconds pid _ <<< "$answer"
-    echo "$1: back after $seconds s with version ${version:0:12}, following"
-    awk -v took="$seconds" -v most="$3" 'BEGIN { exit took > most }' || fail "$1: $seconds s are more than $3 s"
-}
 
 wait_up
-read -r _ pid version <<< "$(probe 0 0 any)" || fail "the hand is not followed"
+check_all "booted" 60
 inside runuser -u twin -- env TWIN_STATE_DIR=/var/lib/twin_daemon "$twin" versions promote real_closing > /dev/null
-promoted=$(inside runuser -u twin -- env TWIN_STATE_DIR=/var/lib/twin_daemon "$twin" versions show current --json - 2> /dev/null \
+version=$(inside runuser -u twin -- env TWIN_STATE_DIR=/var/lib/twin_daemon "$twin" versions show current --json - 2> /dev/null \
     | "$python" -c 'import json, sys; print(json.load(sys.stdin)["id"])')
-version=$promoted
-check "promoted" 0 10
-bridge() {
-    [ -z "${BOOT_ROS:-}" ] && return
-    inside systemctl is-active --quiet twin-bridge-ros2 || {
-        inside journalctl --no-pager -n 30 -u twin-bridge-ros2
-        fail "the ROS 2 bridge does not run $1"
-    }
-    echo "the ROS 2 bridge runs $1"
-}
-bridge "after the boot"
-[ "$(inside systemctl show -p NRestarts --value twin-daemon)" = 0 ] || fail "the daemon was restarted without a cause"
-check "kill -STOP" 19 "$within_s"
-check "kill -9" 9 "$within_s"
+check "promoted" twin-daemon 0 10
+for unit in "${units[@]}"; do
+    [ "$(inside systemctl show -p NRestarts --value "$unit")" = 0 ] || fail "$unit was restarted without a cause"
+done
+for unit in "${units[@]}"; do
+    check "kill -STOP" "$unit" 19 "${stop_s[$unit]}"
+    check "kill -9" "$unit" 9 "${kill_s[$unit]}"
+done
 inside systemctl reload twin-daemon
 inside systemctl is-active --quiet twin-daemon || fail "the daemon did not survive a reload"
 
@@ -157,10 +160,8 @@ wait "$container" && code=0 || code=$?
 [ "$code" = 133 ] || fail "the system ended with $code instead of rebooting"
 boot
 wait_up
-pid=0
-check "after the reboot" 0 30
+check_all "rebooted" 30
 echo "reboot: everything was back $((SECONDS - began)) s after it was asked for"
-bridge "after the reboot"
 inside "$twin" service status
 inside "$twin" service uninstall > /dev/null
 [ -d "$root/var/lib/twin_daemon" ] || fail "uninstall removed the state"

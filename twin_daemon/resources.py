@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 from pathlib import Path
@@ -44,3 +45,10 @@ def state_dir() -> Path:
     """
     chosen = os.environ.get("TWIN_STATE_DIR") or os.environ.get("STATE_DIRECTORY", "").split(":")[0]
     return Path(chosen).expanduser() if chosen else platformdirs.user_state_path("twin_daemon")
+
+
+def step_back(pid: int, nice: int) -> None:
+    """Lets a process give way: in the processor's time, and as the first one to go where memory ends."""
+    with contextlib.suppress(OSError):  # it has ended already
+        os.setpriority(os.PRIO_PROCESS, pid, nice)
+        Path(f"/proc/{pid}/oom_score_adj").write_text("1000")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import json
 import os
@@ -17,7 +16,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from twin_daemon.errors import BadInput, Refused
-from twin_daemon.resources import twin_command
+from twin_daemon.resources import step_back, twin_command
 
 Kind = Literal["diagnose", "add", "ladder"]
 Status = Literal["running", "done", "failed", "stopped"]
@@ -75,8 +74,7 @@ class Jobs:
                 env={**os.environ, **_WIDE},
                 start_new_session=True,  # a Ctrl-C for the server ends it in order, by `close`
             )
-            with contextlib.suppress(OSError):
-                os.setpriority(os.PRIO_PROCESS, process.pid, _NICE)
+            step_back(process.pid, _NICE)
             job = Job(number, kind, about, process, time.time())
             self._latest[kind] = self._running = job
             self._thread = threading.Thread(target=self._follow, args=(job, target), name="twin-job", daemon=True)

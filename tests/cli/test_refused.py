@@ -22,6 +22,11 @@ FILES = {
     "unsearchable.yaml": "schema: 1\nname: x\nabout: x\nparameters: [{kind: damping, of: [moving], lower: -1}]\n",
     "no_bag.mcap": "this is not a bag",
     "hand.yaml": "schema: 1\nname: [\n",
+    "entities.xml": '<!DOCTYPE m [<!ENTITY a "x"><!ENTITY b "&a;&a;&a;&a;">]><mujoco model="&b;"/>',
+    "climbs.xml": '<mujoco><include file="../../../../etc/passwd"/></mujoco>',
+    "aliases.yaml": "\n".join(
+        ["a0: &a0 [x]", *(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, 9))]
+    ),
 }
 CASES: dict[str, tuple[list[str], str]] = {
     "no such recording": (["compare", "--recording", "nowhere.mcap"], "nowhere.mcap"),
@@ -36,6 +41,9 @@ CASES: dict[str, tuple[list[str], str]] = {
     "unreadable hand": (["compare", "--recording", "BAG", "--hand", "hand.yaml"], "hand.yaml"),
     "model that is not there": (["compare", "--recording", "BAG", "--model", "none.xml"], "none.xml"),
     "model that does not compile": (["compare", "--recording", "BAG", "--model", "broken.xml"], "broken.xml"),
+    "model with entities": (["compare", "--recording", "BAG", "--model", "entities.xml"], "entities"),
+    "model that climbs out": (["compare", "--recording", "BAG", "--model", "climbs.xml"], "outside its folder"),
+    "terms that multiply": (["compare", "--recording", "BAG", "--terms", "aliases.yaml"], "aliases"),
     "unknown trajectory": (["compare", "--recording", "STILL", "--trajectory", "hand_closin"], "hand_closin"),
     "no commands, no trajectory": (["compare", "--recording", "STILL"], "--trajectory"),
     "folder of the plot": (["compare", "--recording", "BAG", "--plot", "none/x.html"], "folder does not exist"),

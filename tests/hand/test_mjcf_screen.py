@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 
@@ -52,6 +53,14 @@ def test_a_plain_model_with_an_include_and_a_file_beside_it_is_read(model) -> No
             "",
             "multiply",
         ),
+        ("<keyframe>" + "<key/>" * 20_000 + "</keyframe>", "", "multiply"),
+        ('<size nkey="20000000"/>', "", "beyond reason"),
+        ('<size nuser_geom="20000000"/>', "", "beyond reason"),
+        ('<option iterations="2000000000" tolerance="0"/>', "", "beyond reason"),
+        ('<option timestep="1e-12"/>', "", "timestep"),
+        ('<asset><mesh name="m" builtin="cone" params="100000000 1"/></asset>', "", "facets"),
+        ('<sensor><user dim="1000000000"/></sensor>', "", "cells"),
+        (f'<include file="{"a" * 5000}.xml"/>', "", "not there"),
         ("<worldbody>", "", "no well-formed XML"),
     ],
 )
@@ -66,6 +75,49 @@ def test_a_link_out_of_the_folder_is_a_way_out_as_well(model, tmp_path: Path) ->
     path = model('<include file="inside.xml"/>')
     (path.parent / "inside.xml").symlink_to(tmp_path / "outside.xml")
     with pytest.raises(BadInput, match="outside its folder"):
+        compile_model(path)
+
+
+@pytest.mark.parametrize(
+    ("inside", "said"),
+    [
+        ('<mujoco><include file="../secret.xml"/></mujoco>', "outside its folder"),
+        (
+            '<mujoco><worldbody><body name="b"><replicate count="200"><geom/></replicate></body></worldbody></mujoco>',
+            "multiply",
+        ),
+    ],
+)
+def test_a_model_that_is_attached_is_looked_at_as_well(model, tmp_path: Path, inside: str, said: str) -> None:
+    (tmp_path / "secret.xml").write_text(f"<mujoco>{BODY}</mujoco>")
+    attach = '<worldbody><replicate count="200"><frame><attach model="s" body="b"/></frame></replicate></worldbody>'
+    path = model(f'<asset><model name="s" file="sub.xml"/></asset>{attach}')
+    (path.parent / "sub.xml").write_text(inside)
+    with pytest.raises(BadInput, match=said):
+        compile_model(path)
+
+
+def test_copies_of_an_included_file_are_counted(model) -> None:
+    path = model('<worldbody><replicate count="900"><include file="b.xml"/></replicate></worldbody>')
+    (path.parent / "b.xml").write_text(
+        '<mujocoinclude><replicate count="900"><geom size="1"/></replicate></mujocoinclude>'
+    )
+    with pytest.raises(BadInput, match="multiply"):
+        compile_model(path)
+
+
+def test_a_picture_that_unpacks_to_more_than_memory_is_not_opened(model) -> None:
+    path = model(f'<asset><texture name="t" type="2d" file="t.png"/></asset>{BODY}')
+    head = (20_000).to_bytes(4, "big") + (20_000).to_bytes(4, "big") + bytes(5)
+    (path.parent / "t.png").write_bytes(b"\x89PNG\r\n\x1a\n" + (13).to_bytes(4, "big") + b"IHDR" + head)
+    with pytest.raises(BadInput, match="cells"):
+        compile_model(path)
+
+
+def test_a_pipe_in_place_of_a_mesh_does_not_hang(model) -> None:
+    path = model(f'<asset><mesh name="m" file="m.stl"/></asset>{BODY}')
+    os.mkfifo(path.parent / "m.stl")
+    with pytest.raises(BadInput, match="no file"):
         compile_model(path)
 
 

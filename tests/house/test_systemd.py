@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import pytest
 
 from twin_daemon.cli import units
 from twin_daemon.daemon.configuration import load_config
+from twin_daemon.resources import step_back
 
 SYSTEMD = Path(__file__).resolve().parents[2] / "systemd"
 SERVICES = sorted(path.name for path in SYSTEMD.glob("*.service"))
@@ -50,3 +52,11 @@ def test_every_unit_of_the_folder_is_installed() -> None:
 
 def test_the_configuration_that_comes_with_it_is_valid() -> None:
     assert load_config(SYSTEMD / "twin.yaml", {}).config.hand == "shadow_hand"
+
+
+def test_what_calibrates_gives_way_to_the_loop() -> None:
+    with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as child:
+        step_back(child.pid, 19)
+        assert os.getpriority(os.PRIO_PROCESS, child.pid) == 19
+        assert Path(f"/proc/{child.pid}/oom_score_adj").read_text().strip() == "1000"
+        child.communicate(b"\n")

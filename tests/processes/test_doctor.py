@@ -6,6 +6,8 @@ import json
 import socket
 from typing import Any
 
+import twin_daemon
+
 
 def findings(twin: Any, code_expected: int) -> dict[str, Any]:
     code, out, err = twin.run("doctor", "--json", "-")
@@ -18,6 +20,8 @@ def findings(twin: Any, code_expected: int) -> dict[str, Any]:
 def test_a_machine_that_runs_these_tests_is_healthy(twin: Any) -> None:
     found = findings(twin, 0)
     assert found["mujoco"]["level"] == "ok"
+    assert found["twin_daemon"]["found"] == twin_daemon.__version__
+    assert found["clock"]["level"] in ("ok", "note")
     assert "24 joints" in found["hand"]["found"]
     assert "free" in found["endpoint"]["found"]
     assert found["ROS 2"]["level"] in ("ok", "note")

@@ -104,7 +104,9 @@ def test_bags_without_messages(form: str, tmp_path: Path) -> None:
         load_recording(write_bag(form, tmp_path, []))
 
 
-@pytest.mark.parametrize("content", ["", "a: [", "rosbag2_bagfile_information: 3", "rosbag2_bagfile_information: {}"])
+@pytest.mark.parametrize(
+    "content", ["", "a: [", "[" * 200_000, "rosbag2_bagfile_information: 3", "rosbag2_bagfile_information: {}"]
+)
 def test_damaged_metadata(content: str, tmp_path: Path) -> None:
     path, _ = whole("mcap", tmp_path)
     (path / "metadata.yaml").write_text(content)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 from collections.abc import Sequence
 from typing import Annotated, Any, NamedTuple
 
@@ -106,4 +107,5 @@ def _root(
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code (see `failures`)."""
+    os.environ.setdefault("MUJOCO_GL", "disable")  # nothing is rendered, and loading OpenGL takes time
     return guarded(typer.main.get_command(_app), argv)

@@ -19,6 +19,7 @@ from twin_daemon.files import write_atomically
 Role = Literal["operator", "viewer", "hand"]
 ANONYMOUS = "anonymous"
 KEYS = "keys.json"
+_MAX_PROOF_BYTES = 1000
 _USUAL: dict[str, Role] = {"operator": "operator", "hand": "hand", "viewer": "viewer"}
 _Key = Annotated[str, Field(pattern=r"^[0-9a-f]{64,128}$")]
 
@@ -63,6 +64,8 @@ class Proof:
     @classmethod
     def decode(cls, data: bytes | None) -> Proof | None:
         """None for what is no proof."""
+        if data is not None and len(data) > _MAX_PROOF_BYTES:
+            return None
         try:
             read = json.loads(data or b"")
             return cls(str(read["who"])[:64], str(read["code"])[:200])

@@ -7,6 +7,7 @@ and no memory holds. Everything else is MuJoCo's to judge.
 from __future__ import annotations
 
 import math
+import stat
 from pathlib import Path
 from xml.parsers import expat
 
@@ -14,52 +15,132 @@ from twin_daemon.errors import BadInput
 
 MAX_BYTES = 20_000_000
 MAX_DEPTH = 100
-MAX_COPIES = 10_000
-"""Of all that is repeated: bodies of a composite, copies of a replicate, cells of a grid are counted as products."""
-MAX_CELLS = 20_000_000
-MAX_INCLUDES = 100
+MAX_ELEMENTS = 10_000
+"""Of all files together, with every copy and attachment written out: the compiler takes time by their square."""
+MAX_CELLS = 100_000_000
+"""Of pixels, heights and values of sensors."""
+MAX_FACETS = 2000
+MAX_EACH = 1000
+"""Of what is given to each body, geom and the like, and of keyframes."""
+MAX_ITERATIONS = 10_000
+MIN_TIMESTEP_S = 1e-5
+MAX_FILES = 100
+MAX_FILE_BYTES = 200_000_000
 
-_FILES = ("file", "fileup", "fileback", "filedown", "filefront", "fileleft", "fileright", "filefwd")
+_FILES = ("file", "fileup", "fileback", "filedown", "filefront", "fileleft", "fileright", "filefwd", "filename")
 _FOLDERS = ("meshdir", "texturedir", "assetdir")
-_COUNTS = ("count", "nrow", "ncol", "width", "height", "builtinwidth", "gridsize")
+_COPIES = {"replicate": ("count",), "composite": ("count",), "flexcomp": ("count", "cellcount")}
+_CELLS = ("nrow", "ncol", "width", "height", "gridsize", "resolution", "num", "nsample")
 _MEMORY = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30}
 MAX_MEMORY = 2 * 2**30
+_PNG = b"\x89PNG\r\n\x1a\n"
 
 
 def screen_mjcf(path: Path) -> None:
-    """BadInput for an MJCF, or one that it includes, that asks for what no model needs."""
-    base = path.resolve().parent
-    waiting, seen = [path.resolve()], set[Path]()
-    folders: set[str] = set()
-    named: list[tuple[str, Path]] = []
-    while waiting:
-        current = waiting.pop()
-        if current in seen:
-            continue
-        seen.add(current)
-        if len(seen) > MAX_INCLUDES:
-            raise BadInput(f"more than {MAX_INCLUDES} files include each other", where=path)
-        if not current.is_file():
-            raise BadInput(f"the file that it includes is not there: {current}", where=path, todo="Correct the MJCF")
-        copies = 1
-        for tag, attributes in _elements(current):
-            folders.update(value for key in _FOLDERS if (value := attributes.get(key)))
-            for key in _FILES:
-                value = attributes.get(key)
-                if value and tag == "include":
-                    waiting.append(_inside(base, base / value, current))
-                elif value:
-                    named.append((value, current))
-            copies *= _sizes(tag, attributes, current)
-            if copies > MAX_COPIES:
-                raise BadInput(f"its copies multiply to more than {MAX_COPIES}", where=current, todo="Write fewer")
-    for value, current in named:
-        for folder in folders or {""}:
-            _inside(base, base / folder / value, current)
+    """BadInput for an MJCF, or one that it includes or attaches, that asks for what no model needs."""
+    screen = _Screen(path)
+    screen.walk(path.resolve(), 1.0)
+    for model in screen.models:  # grows while it is walked
+        screen.walk(model, max(screen.attached, 1.0))
+    screen.look_at_assets()
+
+
+class _Screen:
+    """What the files of one model ask for together."""
+
+    def __init__(self, path: Path) -> None:
+        self.models: list[Path] = []
+        self.attached = 0.0
+        self._path = path
+        self._base = path.resolve().parent
+        self._folders: set[str] = set()
+        self._named: list[tuple[str, Path]] = []
+        self._files = 0
+        self._elements = self._cells = 0.0
+
+    def walk(self, path: Path, copies: float) -> None:
+        """Looks at a file of which there will be so many copies, and at what it includes."""
+        self._files += 1
+        if self._files > MAX_FILES:
+            raise BadInput(f"more than {MAX_FILES} files include each other", where=self._path)
+        if not _is_file(path):
+            what = f"the file that it includes is not there: {path!s:.300}"
+            raise BadInput(what, where=self._path, todo="Correct the MJCF")
+        around = [(-1, copies)]  # depth of each element that copies what it holds, and how many that makes
+        for depth, tag, attributes in _elements(path):
+            while around[-1][0] >= depth:
+                around.pop()
+            copies = around[-1][1]
+            if tag in _COPIES:
+                copies *= _product(attributes, _COPIES[tag])
+                around.append((depth, copies))
+            self._elements += copies
+            if self._elements > MAX_ELEMENTS:
+                raise _too_many(path)
+            self._cells += copies * _cells(tag, attributes, path)
+            self._folders.update(value for key in _FOLDERS if (value := attributes.get(key)))
+            self.attached += copies if tag == "attach" else 0.0
+            for value in (attributes[key] for key in _FILES if attributes.get(key)):
+                if tag == "include":
+                    self.walk(_inside(self._base, self._base / value, path), copies)
+                elif tag == "model":
+                    self.models.append(_inside(self._base, self._base / value, path))
+                else:
+                    self._named.append((value, path))
+        self._limit_cells(path)
+
+    def look_at_assets(self) -> None:
+        """Meshes, pictures and the like: where they are, and what they unpack to."""
+        for value, where in self._named:
+            for start in {self._base, where.parent}:
+                for folder in self._folders or {""}:
+                    path = _inside(self._base, start / folder / value, where)
+                    self._cells += _pixels(path, where)
+                    self._limit_cells(where)
+
+    def _limit_cells(self, where: Path) -> None:
+        if self._cells > MAX_CELLS:
+            what = f"its grids and pictures have {self._cells:.3g} cells"
+            raise BadInput(what, where=where, allowed=f"up to {MAX_CELLS}")
+
+
+def _too_many(where: Path) -> BadInput:
+    return BadInput(
+        f"its elements and their copies multiply to more than {MAX_ELEMENTS}", where=where, todo="Write fewer"
+    )
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # a name that no system takes
+        return False
+
+
+def _pixels(path: Path, where: Path) -> float:
+    """How many pixels a picture has; 0 for what is none. BadInput for what is no file of usual size."""
+    try:
+        status = path.stat()
+    except OSError:
+        return 0.0  # MuJoCo says that it is not there
+    if stat.S_ISDIR(status.st_mode):
+        return 0.0
+    if not stat.S_ISREG(status.st_mode) or status.st_size > MAX_FILE_BYTES:
+        raise BadInput(f"this is no file of up to {MAX_FILE_BYTES} bytes: {path}", where=where)
+    with path.open("rb") as file:
+        start = file.read(24)
+    if not start.startswith(_PNG):
+        return 0.0
+    return float(int.from_bytes(start[16:20], "big")) * int.from_bytes(start[20:24], "big")
 
 
 def _inside(base: Path, path: Path, where: Path) -> Path:
-    resolved = path.resolve()
+    try:
+        resolved = path.resolve()
+    except OSError:
+        raise BadInput(
+            f"no file can be called this: {path.name:.40}...", where=where, todo="Correct the MJCF"
+        ) from None
     if not resolved.is_relative_to(base):
         raise BadInput(
             f"it asks for a file outside its folder: {path}",
@@ -70,14 +151,14 @@ def _inside(base: Path, path: Path, where: Path) -> Path:
     return resolved
 
 
-def _elements(path: Path) -> list[tuple[str, dict[str, str]]]:
-    """Name and attributes of the elements of a file in order. BadInput for what is no XML, or hostile."""
+def _elements(path: Path) -> list[tuple[int, str, dict[str, str]]]:
+    """Depth, name and attributes of the elements of a file in order. BadInput for what is no XML, or hostile."""
     if path.stat().st_size > MAX_BYTES:
         raise BadInput(f"{path.stat().st_size} bytes are too many for an MJCF", where=path, allowed=f"to {MAX_BYTES}")
     content = path.read_bytes()
     if b"<!DOCTYPE" in content or b"<!ENTITY" in content or b"\0" in content:
         raise BadInput("it declares a document type or entities", where=path, allowed="plain MJCF in UTF-8")
-    found: list[tuple[str, dict[str, str]]] = []
+    found: list[tuple[int, str, dict[str, str]]] = []
     depth = 0
 
     def begin(tag: str, attributes: dict[str, str]) -> None:
@@ -85,7 +166,9 @@ def _elements(path: Path) -> list[tuple[str, dict[str, str]]]:
         depth += 1
         if depth > MAX_DEPTH:
             raise BadInput(f"it is nested more than {MAX_DEPTH} deep", where=path)
-        found.append((tag, attributes))
+        if len(found) >= MAX_ELEMENTS:
+            raise _too_many(path)
+        found.append((depth, tag, attributes))
 
     def end(_tag: str) -> None:
         nonlocal depth
@@ -101,19 +184,28 @@ def _elements(path: Path) -> list[tuple[str, dict[str, str]]]:
     return found
 
 
-def _sizes(tag: str, attributes: dict[str, str], where: Path) -> int:
-    """How many times an element makes what it holds. BadInput for sizes beyond all reason."""
-    cells = 1.0
-    for key in _COUNTS:
-        for word in attributes.get(key, "").split():
-            cells *= max(_number(word), 1.0)
-    if cells > MAX_CELLS:
-        raise BadInput(f"<{tag}> is of {cells:.3g} cells", where=where, allowed=f"up to {MAX_CELLS}")
+def _cells(tag: str, attributes: dict[str, str], where: Path) -> float:
+    """How many cells an element has. BadInput for numbers beyond all reason."""
+    bounds: dict[str, float] = {}
     if tag == "size":
-        for key, value in attributes.items():
-            if _memory(value) > (MAX_MEMORY if key == "memory" else MAX_CELLS):
-                raise BadInput(f"<size {key}='{value:.40}'> is beyond reason", where=where, todo="Leave it out")
-    return int(cells) if tag in ("replicate", "composite", "flexcomp") else 1
+        bounds = {key: MAX_EACH if key == "nkey" or key.startswith("nuser_") else MAX_CELLS for key in attributes}
+        bounds["memory"] = MAX_MEMORY
+    elif tag == "option":
+        bounds = {key: MAX_ITERATIONS for key in attributes if key.endswith("iterations")}
+        if _number(attributes.get("timestep", "1")) < MIN_TIMESTEP_S:
+            raise BadInput(f"its timestep is below {MIN_TIMESTEP_S:g} s: no motion would end", where=where)
+    for key, most in bounds.items():
+        if _memory(attributes.get(key, "")) > most:
+            raise BadInput(f"<{tag} {key}='{attributes[key]:.40}'> is beyond reason", where=where, todo="Leave it out")
+    if tag == "mesh" and _product(attributes, ("params",)) > MAX_FACETS:
+        raise BadInput(f"a made <mesh> of more than {MAX_FACETS} facets is beyond reason", where=where)
+    keys = (*_CELLS, "dim") if tag == "user" else _CELLS
+    return _product(attributes, keys) if any(key in attributes for key in keys) else 0.0
+
+
+def _product(attributes: dict[str, str], keys: tuple[str, ...]) -> float:
+    """Of all numbers of these attributes, none of them taken for less than 1."""
+    return math.prod(max(_number(word), 1.0) for key in keys for word in attributes.get(key, "").split())
 
 
 def _memory(text: str) -> float:

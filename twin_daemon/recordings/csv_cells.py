@@ -12,6 +12,7 @@ from typing import TextIO
 from pydantic_core import from_json
 
 from twin_daemon.errors import BadInput
+from twin_daemon.recordings.unpacking import most_bytes, too_much
 
 _MAX_LINE = 4 * 1024 * 1024  # characters; a joint state has a few thousand
 _BRACKETS = {"[]", "()"}
@@ -32,8 +33,12 @@ def open_text(path: Path) -> Iterator[TextIO]:
 
 
 def lines(text: TextIO, path: Path) -> Iterator[str]:
-    """Line by line, with an end to what is not made of lines."""
+    """Line by line, with an end to what is not made of lines, or packed from nearly nothing."""
+    packed, read = path.stat().st_size, 0
     while line := text.readline(_MAX_LINE):
+        read += len(line)
+        if read > most_bytes(packed):
+            raise too_much(packed)
         if len(line) == _MAX_LINE:
             raise BadInput(f"a line has more than {_MAX_LINE} characters", where=path, todo="This is no CSV recording")
         yield line

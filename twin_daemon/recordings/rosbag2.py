@@ -12,6 +12,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from twin_daemon.recordings.bag import Contents, read_topics
 from twin_daemon.recordings.mcap_chunks import ChunkedBag
+from twin_daemon.recordings.unpacking import bound_rosbags
+from twin_daemon.yaml_files import MAX_BYTES, load_yaml
 
 STORAGE_SUFFIXES = (".mcap", ".db3")
 
@@ -25,7 +27,12 @@ def storage_files(folder: Path) -> list[Path]:
 
 def read_ros2(path: Path) -> Contents:
     """A folder with metadata.yaml, a folder of storage files, or one storage file."""
-    whole = path.is_file() or (path / "metadata.yaml").exists()
+    bound_rosbags()
+    about = path / "metadata.yaml"
+    whole = path.is_file() or about.exists()
+    if about.is_file():
+        with about.open(encoding="utf-8") as text:
+            load_yaml(text.read(MAX_BYTES + 1))  # within bounds, of which rosbags has none
     paths = [path] if whole else storage_files(path)
     with ExitStack() as stack:
         readers = [stack.enter_context(Reader(each)) for each in paths]

@@ -1,0 +1,103 @@
+"""A recording that was made to harm: what unpacks without end, or computes what it is asked for, is refused."""
+
+from __future__ import annotations
+
+import gzip
+import sqlite3
+from pathlib import Path
+
+import pytest
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+
+from twin_daemon.errors import BadInput
+from twin_daemon.recordings import load_recording, unpacking
+
+from .bag_files import ROS1, ROS2, JointState, joint_state_bytes, write_bag
+
+KIND = "sensor_msgs/msg/JointState"
+LONG = JointState(10**18, ["a" * 20_000_000], [0.0])
+MCAP, SQLITE3 = StoragePlugin.MCAP, StoragePlugin.SQLITE3
+
+
+@pytest.fixture
+def _little_slack(monkeypatch: pytest.MonkeyPatch) -> None:
+    """So that a bomb of some megabytes is one."""
+    monkeypatch.setattr(unpacking, "SLACK_BYTES", 2**20)
+
+
+def refused(path: Path, said: str) -> None:
+    with pytest.raises(BadInput, match=said) as caught:
+        load_recording(path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.usefixtures("_little_slack")
+def test_a_text_that_says_the_same_for_ever(tmp_path: Path) -> None:
+    lines = b'"[\'a\']","(0.0,)",(),(),1000\n' * 400_000
+    path = tmp_path / "motion.csv.gz"
+    path.write_bytes(gzip.compress(b"name,position,velocity,effort,timestamp_nsecs\n" + lines))
+    refused(path, "unpack to more")
+
+
+@pytest.mark.usefixtures("_little_slack")
+def test_chunks_of_a_ros_1_bag(tmp_path: Path) -> None:
+    path = tmp_path / "motion.bag"
+    writer = Writer1(path)
+    writer.set_compression(Writer1.CompressionFormat.BZ2)
+    with writer:
+        connection = writer.add_connection("/joint_states", KIND, typestore=ROS1)
+        writer.write(connection, 10**18, joint_state_bytes(LONG, ros1=True))
+    assert path.stat().st_size < 20_000
+    refused(path, "unpack to more")
+
+
+@pytest.mark.usefixtures("_little_slack")
+@pytest.mark.parametrize(
+    ("storage", "mode"),
+    [
+        (MCAP, CompressionMode.FILE),
+        (MCAP, CompressionMode.MESSAGE),
+        (MCAP, CompressionMode.STORAGE),
+        (SQLITE3, CompressionMode.FILE),
+        (SQLITE3, CompressionMode.MESSAGE),
+    ],
+)
+def test_every_way_to_pack_a_ros_2_bag(storage: StoragePlugin, mode: CompressionMode, tmp_path: Path) -> None:
+    path = tmp_path / "motion"
+    writer = Writer2(path, version=9, storage_plugin=storage)
+    writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        connection = writer.add_connection("/joint_states", KIND, typestore=ROS2)
+        writer.write(connection, 10**18, joint_state_bytes(LONG, ros1=False))
+    assert sum(file.stat().st_size for file in path.iterdir()) < 60_000
+    refused(path, "unpack to more")
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        "CREATE VIEW more AS SELECT 1",
+        "ALTER TABLE messages ADD COLUMN more BLOB AS (zeroblob(1000000000))",
+        "CREATE VIRTUAL TABLE more USING rtree(a, b, c)",
+        "CREATE TRIGGER more AFTER INSERT ON messages BEGIN SELECT 1; END",
+    ],
+)
+def test_a_database_that_computes(made: str, tmp_path: Path) -> None:
+    path = write_bag("db3_file", tmp_path, [JointState(10**18 + n * 10**6, ["a"], [0.1]) for n in range(60)])
+    assert load_recording(path).quality.samples == 60
+    with sqlite3.connect(path) as connection:
+        connection.execute(made)
+    connection.close()
+    refused(path, "computes")
+
+
+@pytest.mark.parametrize("name", ["../../secret.mcap", "/etc/passwd"])
+def test_a_bag_that_names_files_elsewhere(name: str, tmp_path: Path) -> None:
+    folder = write_bag("mcap", tmp_path, [JointState(10**18 + n * 10**6, ["a"], [0.1]) for n in range(60)])
+    secret = write_bag("mcap_file", tmp_path, [JointState(10**18, ["secret"], [0.1])], "elsewhere")
+    secret.rename(tmp_path.parent / "secret.mcap")
+    about = folder / "metadata.yaml"
+    about.write_text(about.read_text().replace("motion.mcap", name))
+    refused(folder, "secret.mcap|passwd")
