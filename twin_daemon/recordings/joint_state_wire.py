@@ -189,9 +189,9 @@ class JointStateReader:
                     read["sec"].astype(np.int64) * SECOND_NS + read["nanosec"],
                     received_ns,
                     order,
-                    read["position"].copy(),
-                    read["velocity"].copy() if read["velocity"].shape[1] == joints else None,
-                    read["effort"].copy() if read["effort"].shape[1] == joints else None,
+                    read["position"],
+                    read["velocity"] if read["velocity"].shape[1] == joints else None,
+                    read["effort"] if read["effort"].shape[1] == joints else None,
                 )
             )
         self._count(layout.refused, layout.ignored, len(rows))

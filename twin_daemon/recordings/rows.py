@@ -22,16 +22,38 @@ class Block:
     effort: np.ndarray | None
 
 
+class _Growing:
+    """Rows (n, k) float64 in one piece of memory that grows in place: no number is ever held or copied twice."""
+
+    def __init__(self, columns: int) -> None:
+        self._array = np.empty((0, columns))
+        self._length = 0
+
+    def extend(self, rows: np.ndarray) -> None:
+        end = self._length + len(rows)
+        if end > len(self._array):
+            self._array.resize((max(end, 2 * len(self._array)), self._array.shape[1]), refcheck=False)
+        self._array[self._length : end] = rows
+        self._length = end
+
+    def take(self) -> np.ndarray:
+        """All of them; nothing is left."""
+        array, self._array = self._array, np.empty((0, self._array.shape[1]))
+        array.resize((self._length, array.shape[1]), refcheck=False)
+        self._length = 0
+        return array
+
+
 class Rows:
     """The samples of one kind of message: the same joints in the same order, with or without velocity and effort."""
 
     def __init__(self, names: Sequence[str], *, velocity: bool = False, effort: bool = False) -> None:
         self.names = tuple(names)
-        self._present = {"position": True, "velocity": velocity, "effort": effort}
+        present = {"position": True, "velocity": velocity, "effort": effort}
         self._stamps: list[np.ndarray] = []  # (3, n): stamp, receive time, order of arrival
-        self._values: dict[str, list[np.ndarray]] = {"position": [], "velocity": [], "effort": []}
+        self._values = {key: _Growing(len(self.names)) for key, here in present.items() if here}
         self._loose_stamps: list[tuple[int, int, int]] = []
-        self._loose: dict[str, list[Sequence[float] | np.ndarray]] = {"position": [], "velocity": [], "effort": []}
+        self._loose: dict[str, list[Sequence[float] | np.ndarray]] = {key: [] for key in self._values}
 
     def add(
         self,
@@ -45,7 +67,7 @@ class Rows:
         """One sample; velocity and effort count only where these rows have them."""
         self._loose_stamps.append((stamp_ns, received_ns, order))
         for key, values in (("position", position), ("velocity", velocity), ("effort", effort)):
-            if self._present[key]:
+            if key in self._loose:
                 self._loose[key].append(values)
         if len(self._loose_stamps) >= _BLOCK:
             self._pack()
@@ -55,22 +77,22 @@ class Rows:
         self._pack()
         self._stamps.append(np.stack([block.stamp_ns, block.received_ns, block.order]))
         for key, values in (("position", block.position), ("velocity", block.velocity), ("effort", block.effort)):
-            if self._present[key] and values is not None:
-                self._values[key].append(values)
+            if key in self._values and values is not None:
+                self._values[key].extend(values)
 
     def take(self) -> Block | None:
-        """Everything as one block, by order of arrival. These rows are empty afterwards: no number is held twice."""
+        """Everything as one block, by order of arrival. These rows are empty afterwards."""
         self._pack()
         if not self._stamps:
             return None
         stamps = np.concatenate(self._stamps, axis=1)
         self._stamps.clear()
-        by_order = None if (np.diff(stamps[2]) > 0).all() else np.argsort(stamps[2], kind="stable")
-        if by_order is not None:
+        found = {key: values.take() for key, values in self._values.items()}
+        if not (np.diff(stamps[2]) > 0).all():
+            by_order = np.argsort(stamps[2], kind="stable")
             stamps = stamps[:, by_order]
-        position, velocity, effort = (self._joined(key, by_order) for key in ("position", "velocity", "effort"))
-        assert position is not None
-        return Block(stamps[0], stamps[1], stamps[2], position, velocity, effort)
+            found = {key: values[by_order] for key, values in found.items()}
+        return Block(stamps[0], stamps[1], stamps[2], found["position"], found.get("velocity"), found.get("effort"))
 
     def _pack(self) -> None:
         if not self._loose_stamps:
@@ -78,13 +100,5 @@ class Rows:
         self._stamps.append(np.array(self._loose_stamps, dtype=np.int64).T)
         self._loose_stamps = []
         for key, values in self._loose.items():
-            if self._present[key]:
-                self._values[key].append(np.array(values, dtype=np.float64))
-                self._loose[key] = []
-
-    def _joined(self, key: str, by_order: np.ndarray | None) -> np.ndarray | None:
-        if not self._present[key]:
-            return None
-        joined = np.concatenate(self._values[key])
-        self._values[key].clear()
-        return joined if by_order is None else joined[by_order]
+            self._values[key].extend(np.array(values, dtype=np.float64))
+            self._loose[key] = []

@@ -44,7 +44,7 @@ class Aligned:
     @property
     def moving(self) -> np.ndarray:
         """(j,) bool: the joints whose measured travel says something about a model."""
-        return np.array([_travel(column) > MOVING_RAD for column in np.ascontiguousarray(self.measured.T)])
+        return np.array([_travel(np.ascontiguousarray(column)) > MOVING_RAD for column in self.measured.T])
 
     def with_onset(self, onset_s: float) -> Aligned:
         return replace(self, onset_s=float(onset_s))
@@ -79,21 +79,22 @@ _ONSET_FOUND_S = 2e-4
 
 def _travel(values: np.ndarray) -> float:
     """Between the 0.5th and the 99.5th percentile of one joint's samples (n,), whatever single ones say."""
-    known = values[np.isfinite(values)]
-    if len(known) < 2:
+    known = np.isfinite(values)
+    if known.sum() < 2:
         return 0.0
-    low, high = np.percentile(known, [0.5, 99.5])
+    low, high = np.percentile(values if known.all() else values[known], [0.5, 99.5])
     return float(high - low)
 
 
 def _start(time_s: np.ndarray, values: np.ndarray) -> tuple[float, float]:
     """(position, velocity) at time 0 from one joint's samples; at rest unless the first ones clearly move."""
-    known = np.isfinite(values)
+    begin = slice(int(np.searchsorted(time_s, _SETTLE_S, side="right")))
+    early = np.isfinite(values[begin])
+    known = early if early.any() else np.isfinite(values)
     if not known.any():
         return np.nan, 0.0
     first = float(values[known.argmax()])
-    begin = slice(int(np.searchsorted(time_s, _SETTLE_S, side="right")))
-    time_s, values, early = time_s[begin], values[begin], known[begin]
+    time_s, values = time_s[begin], values[begin]
     if early.sum() < 4:
         return first, 0.0
     slope, offset = np.polyfit(time_s[early], values[early], 1)
@@ -116,9 +117,12 @@ def align(twin: TwinModel, recording: Recording, trajectory: Trajectory | None =
             allowed=", ".join(twin.joints[:6]) + ", ...",
             todo="Rename them with --joint-map, or choose the hand or model that was recorded",
         )
-    measured = np.full((len(recording.stamp_ns), len(twin.joints)), np.nan)
-    for name in shared:
-        measured[:, twin.joints.index(name)] = recording.position[:, recording.joints.index(name)]
+    if twin.joints == recording.joints:
+        measured = recording.position
+    else:
+        measured = np.full((len(recording.stamp_ns), len(twin.joints)), np.nan)
+        for name in shared:
+            measured[:, twin.joints.index(name)] = recording.position[:, recording.joints.index(name)]
     time_s = (recording.stamp_ns - recording.stamp_ns[0]) * 1e-9
     starts = [_start(time_s, column) for column in measured.T]
     position, velocity = np.array([p for p, _ in starts]), np.array([v for _, v in starts])
