@@ -120,7 +120,7 @@ def _show(payload: dict[str, Any], ladder: Ladder, json: str | None) -> None:
         alone = "all values together" if step.together else "start"
         if step.together and step.holdout_mse_rad2 is None:
             alone = "the same, on all of the recording"
-        label = alone if step.effect is None else f"{step.effect} at {step.target}"
+        label = alone if step.effect is None else step.name
         said = "-" if step.verdict is None else step.verdict.replace("_", " ")
         table.add_row(plain_text(f"{number} {label}"), _number(step.mse_rad2), _number(step.holdout_mse_rad2), said)
     console.print(table)

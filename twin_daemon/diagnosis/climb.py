@@ -238,6 +238,7 @@ class _Climber:
             mse_rad2=_finite(mean_error(twin, self._train if train is None else train)),
             holdout_mse_rad2=_finite(mean_error(twin, self._holdout if holdout is None else holdout)),
             verdict=None,
+            confusable_with=finding.confusable_with if finding else (),
         )
 
 

@@ -17,7 +17,8 @@ class Step:
     """The twin after one more effect, and what the diagnosis says of it then.
 
     `effect` is None in the first step, and in one that fits the values of all effects and parameters `together`.
-    Errors in rad^2 over the joints that move. `parameters` are the effect's fitted values.
+    Errors in rad^2 over the joints that move. `parameters` are the effect's fitted values, `confusable_with` what the
+    data did not tell it from.
     """
 
     effect: str | None
@@ -28,6 +29,13 @@ class Step:
     holdout_mse_rad2: float | None
     verdict: VerdictName | None
     together: bool = False
+    confusable_with: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """The effect and where, with what it may be instead."""
+        instead = f" (or {', '.join(self.confusable_with)})" if self.confusable_with else ""
+        return f"{self.effect} at {self.target}{instead}"
 
     def better_than(self, other: Step) -> bool:
         """Whether held-out motion is predicted better."""

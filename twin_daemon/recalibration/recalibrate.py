@@ -78,7 +78,7 @@ def recalibrate(
     if ladder.added:
         other = decide(twin, ladder.twin, held, ladder.parameters, {}, seed)
         if other.after_rad2 < _CLEARLY * decision.after_rad2:
-            named = tuple(f"{step.effect} at {step.target}" for step in ladder.steps if step.effect is not None)
+            named = tuple(step.name for step in ladder.steps if step.effect is not None)
             return Recalibration(ladder.twin, other, ladder.parameters, fitted, ladder, named)
     return Recalibration(after, decision, fitted.parameters, fitted, ladder, ())
 
