@@ -25,9 +25,9 @@ test:  ## style, types, layers, tests; ROS 2 among them where its wheels exist
 	@$(MAKE) --no-print-directory lint
 	@$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
-bench: setup  ## how long a diagnosis of the whole hand takes, then the hidden suite
-	@$(BIN)/python -m bench.whole_hand
-	@$(MAKE) --no-print-directory suite
+bench:  ## side by side with peers, into docs/bench.md and docs/bench.json (minutes; QUICK=1 for one round and no page)
+	@bash tools/setup.sh bench
+	@$(BIN)/python -m bench $(if $(QUICK),--quick)
 
 suite: setup  ## the hidden suite: its rates and its confusion matrix, into docs/hidden-suite.md (an hour)
 	@$(BIN)/python -m bench.hidden_suite --folder build/suite --page docs/hidden-suite.md --workers $(WORKERS)

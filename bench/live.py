@@ -38,7 +38,7 @@ from twin_daemon.plant.motions import rich
 from twin_daemon.plant.recording import record, simulate
 from twin_daemon.resources import twin_command
 
-_ECHO = """
+ECHO = """
 import sys, time, zenoh
 from bridges import cdr
 from bridges.inbox import Inbox
@@ -175,7 +175,7 @@ def main() -> None:
         ask(daemon.session, key("state"), 10.0)
         print(f"first answer {time.monotonic() - daemon.begun_s:.2f} s after the daemon's start")
         names = [endpoints[1], key("joint_states"), key("twin_joint_states")]
-        echo = Peer([sys.executable, "-c", _ECHO, *names], endpoints[1], folder / "state")
+        echo = Peer([sys.executable, "-c", ECHO, *names], endpoints[1], folder / "state")
         stack.callback(echo.close)
 
         def phase(label: str, who: str, rate_hz: float, seconds: float) -> None:

@@ -20,8 +20,8 @@ SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 GRACE_S = 3.0  # what a test stopped may need this long to be gone
 
 # Threads that Python did not start (a native library called back) cannot be ended by a test.
-# Execnet and pytest-timeout belong to the test runner.
-_FOREIGN_THREADS = ("Dummy-", "execnet", "pytest_timeout", "pytest-timeout")
+# Execnet and pytest-timeout belong to the test runner. Dask unpacks in one thread for as long as the process lives.
+_FOREIGN_THREADS = ("Dummy-", "execnet", "pytest_timeout", "pytest-timeout", "Dask-Offload")
 # multiprocessing keeps these helpers until its parent ends.
 _FOREIGN_PROCESSES = ("multiprocessing.resource_tracker", "multiprocessing.forkserver")
 

@@ -12,3 +12,4 @@ compile=("$uv/bin/uv" pip compile --quiet --universal --generate-hashes --python
          --custom-compile-command 'make lock')
 "${compile[@]}" pyproject.toml --extra dev --output-file requirements.lock
 "${compile[@]}" pyproject.toml --extra ros --constraint requirements.lock --output-file requirements-ros.lock
+"${compile[@]}" pyproject.toml --extra bench --constraint requirements.lock --output-file requirements-bench.lock

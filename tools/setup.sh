@@ -5,8 +5,10 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 locks=(requirements.lock)
-# Once asked for, ROS stays until `make clean`: `make test` must not take it away again.
-if [ "${1:-}" = ros ] || [ -e .venv/with-ros ]; then locks+=(requirements-ros.lock); fi
+# Once asked for, an extra stays until `make clean`: `make test` must not take it away again.
+for extra in ros bench; do
+    if [ "${1:-}" = "$extra" ] || [ -e ".venv/with-$extra" ]; then locks+=("requirements-$extra.lock"); fi
+done
 
 usable() { "$1" -c 'import sys; raise SystemExit(sys.version_info < (3, 11))' >/dev/null 2>&1; }
 
@@ -44,7 +46,7 @@ if [ "$(cat .venv/stamp-packages 2>/dev/null)" != "$packages" ] || ! usable .ven
     for lock in "${locks[@]}"; do "${pip[@]}" --require-hashes --no-deps -r "$lock"; done
     # ROS wheels leave metadata of foreign names that other installers would take for packages to remove.
     rm -rf .venv/lib/python3.*/site-packages/*-py3.*.egg-info
-    if [ "${#locks[@]}" -gt 1 ]; then touch .venv/with-ros; fi
+    for lock in "${locks[@]:1}"; do extra=${lock#requirements-}; touch ".venv/with-${extra%.lock}"; done
     echo "$packages" > .venv/stamp-packages
 fi
 "${pip[@]}" --no-deps --no-build-isolation --editable .

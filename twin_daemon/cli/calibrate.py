@@ -51,6 +51,7 @@ def command(
     name: As = "operator",
     namespace: Namespace = None,
     endpoint: Endpoint = None,
+    cluster: options.Cluster = None,
     json: options.Json = None,
 ) -> None:
     """Fit parameters, judge them on motion they have not seen, and store a candidate version.
@@ -59,6 +60,7 @@ def command(
     Ctrl-C keeps the best so far. Without --holdout every third stretch of time of the recordings is held out.
     """
     from twin_daemon.comparison.split import hold_out
+    from twin_daemon.executor import on_cluster
     from twin_daemon.fitting.calibrate import calibrate
     from twin_daemon.fitting.spaces import load_space
 
@@ -74,7 +76,7 @@ def command(
     if not held:
         train, held = hold_out(train)
         notes.append("no --holdout: every third stretch of each recording is held out, so the intervals are wider")
-    with progress_bar(f"{search} over '{chosen.name}'", budget) as report:
+    with on_cluster(cluster), progress_bar(f"{search} over '{chosen.name}'", budget) as report:
         result = calibrate(session.twin, train, held, chosen, search, budget=budget, seed=seed, progress=report)
     stored = store(session, result, train, held, chosen.name, search, budget, seed)
     payload = _payload(result, stored, notes, chosen.name, search, seed)

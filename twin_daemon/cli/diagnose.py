@@ -39,6 +39,7 @@ def command(
     terms: options.Terms = None,
     trajectory: options.TrajectoryRef = None,
     joint_map: options.JointMap = None,
+    cluster: options.Cluster = None,
     json: options.Json = None,
 ) -> None:
     """Name the physical effects that the twin lacks, with evidence, or say that the data cannot tell.
@@ -47,9 +48,13 @@ def command(
     gets better by it. Candidates appear as they are judged; Ctrl-C keeps what is done. Nothing is stored but, where
     the data cannot decide, a trajectory that would.
     """
+    from twin_daemon.executor import on_cluster
+
     require_folder(json)
     session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)
-    payload, found = judged(session, session.recordings(recording, trajectory), holdout, trajectory, joints, seed)
+    recorded = session.recordings(recording, trajectory)
+    with on_cluster(cluster):
+        payload, found = judged(session, recorded, holdout, trajectory, joints, seed)
     _show(people(json), payload, found)
     emit_json(json, payload)
 

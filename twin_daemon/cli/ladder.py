@@ -34,6 +34,7 @@ def command(
     terms: options.Terms = None,
     trajectory: options.TrajectoryRef = None,
     joint_map: options.JointMap = None,
+    cluster: options.Cluster = None,
     json: options.Json = None,
 ) -> None:
     """Diagnose, add the strongest effect, refit, and again, until nothing helps on held-out motion.
@@ -41,13 +42,14 @@ def command(
     The twin with all effects is stored as a candidate version. Ctrl-C keeps the steps done.
     """
     from twin_daemon.diagnosis.climb import climb
+    from twin_daemon.executor import on_cluster
 
     require_folder(json, plot)
     session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)
     whole = session.recordings(recording, trajectory)
     train, held, notes = train_and_held(session, whole, holdout, trajectory)
     began = time.perf_counter()
-    with streaming() as say:
+    with on_cluster(cluster), streaming() as say:
         ladder = climb(
             session.twin, train, held, max_steps=max_steps, whole=() if holdout else whole, seed=seed, say=say
         )

@@ -75,6 +75,10 @@ Seconds = Annotated[
     float | None,
     typer.Option("--seconds", metavar="S", min=0.0, help="End by itself after this long."),
 ]
+Cluster = Annotated[
+    str | None,
+    typer.Option("--cluster", metavar="tcp://HOST:PORT", help="Work on this Dask cluster (extra 'cluster')."),
+]
 Output = Annotated[
     Path | None,
     typer.Option("--output", "-o", metavar="PATH", help="Where to write the result."),

@@ -8,7 +8,6 @@ import numpy as np
 
 from twin_daemon.diagnosis.candidates import Hypothesis, hypotheses
 from twin_daemon.diagnosis.conclude import Outcome, conclude, forced_nuisances, nothing_moves
-from twin_daemon.diagnosis.cores import concurrently
 from twin_daemon.diagnosis.fit import Fit, Rough, Start
 from twin_daemon.diagnosis.gate import Gate, HeldOut
 from twin_daemon.diagnosis.intervals import stands_out
@@ -17,6 +16,7 @@ from twin_daemon.diagnosis.reduced import Reduced, Reduction
 from twin_daemon.diagnosis.screening import Screening
 from twin_daemon.diagnosis.verdict import Diagnosis, Trial
 from twin_daemon.diagnosis.visible import DECISIVE_NATS, unseen
+from twin_daemon.executor import concurrently
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.submodel import parts
 from twin_daemon.simulation.twin import TwinModel

@@ -7,11 +7,11 @@ import contextlib
 import numpy as np
 
 from twin_daemon.diagnosis.candidates import Hypothesis, hypotheses
-from twin_daemon.diagnosis.cores import concurrently
 from twin_daemon.diagnosis.fit import own_columns
 from twin_daemon.diagnosis.partfit import PartFit
 from twin_daemon.diagnosis.whitened import WhitenedProblem
 from twin_daemon.errors import BadInput
+from twin_daemon.executor import concurrently
 
 DECISIVE_NATS = 5.0
 """Evidence between two candidates below which the data do not choose (odds of 150 to 1)."""

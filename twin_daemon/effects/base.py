@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
@@ -127,6 +127,9 @@ class Effect(ABC):
     amplitudes: ClassVar[tuple[str, ...]] = ()
     """The parameters that say whether the effect is there at all; the first one where none is named."""
 
+    def __reduce__(self) -> tuple[Callable[[str], Effect], tuple[str]]:
+        return _by_key, (self.key,)  # an effect is its key, in another process, too
+
     def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:  # noqa: B027
         """Writes the effect into the MjSpec. Effects of the sensor leave the model as it is."""
 
@@ -179,3 +182,9 @@ class Effect(ABC):
     def neutral(self) -> dict[str, float]:
         """The values at which the effect changes nothing."""
         return {parameter.name: parameter.neutral for parameter in self.parameters}
+
+
+def _by_key(key: str) -> Effect:
+    from twin_daemon.effects import LIBRARY  # it is made of what stands here
+
+    return LIBRARY[key]

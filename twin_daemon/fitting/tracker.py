@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from twin_daemon.executor import in_pieces, thread_count
 from twin_daemon.fitting.problem import Problem
-from twin_daemon.simulation.rollout import thread_count
 
 Progress = Callable[[int, float], None]
 """Called after each batch with (evaluations so far, best mse in rad^2 so far)."""
@@ -59,7 +59,7 @@ class Tracker:
         return (self.residuals(points) ** 2).sum(axis=1)
 
     def _evaluate(self, points: np.ndarray) -> np.ndarray:
-        rows = self.problem.residuals(points)
+        rows = in_pieces(self.problem.residuals, points)
         cost = (rows**2).sum(axis=1)
         mse = cost - (self.problem.prior_residuals(points) ** 2).sum(axis=1)
         for point, total, error in zip(points, cost, mse, strict=True):

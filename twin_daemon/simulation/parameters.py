@@ -37,6 +37,13 @@ class ParameterKind:
     edit: Callable[[Any, float], None]
     constants: bool = False
 
+    def __reduce__(self) -> tuple[Callable[[str], ParameterKind], tuple[str]]:
+        return _by_key, (self.key,)  # a kind is its key, in another process, too
+
+
+def _by_key(key: str) -> ParameterKind:
+    return KINDS[key]
+
 
 def _dof(model: mujoco.MjModel, joint: int) -> int:
     return int(model.jnt_dofadr[joint])

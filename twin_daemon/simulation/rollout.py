@@ -5,22 +5,17 @@ Runs on `mujoco.batch`, whose results are bit-identical to a plain mj_step loop 
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 
 import mujoco
 import numpy as np
 from mujoco import batch
 
+from twin_daemon.executor import thread_count
+
 # A chunk of simulations keeps its controls and positions in memory at once; this bounds both.
 _CHUNK_BYTES = 256 * 2**20
 _TIME = mujoco.mjtState.mjSTATE_TIME.value
-
-
-def thread_count() -> int:
-    """Threads for roll-outs: TWIN_THREADS, or the cores that this process may use."""
-    setting = os.environ.get("TWIN_THREADS", "")
-    return int(setting) if setting.isdigit() and int(setting) > 0 else len(os.sched_getaffinity(0))
 
 
 def roll_out(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -83,6 +83,18 @@ class TwinModel:
         except (ValueError, mujoco.FatalError) as error:
             raise BadInput(f"not a usable MJCF: {error}", where=f"stored model of {hand.description.name}") from None
         return cls(hand, spec, terms or Terms())
+
+    def __reduce__(self) -> tuple[Callable[..., TwinModel], tuple[Any, ...]]:
+        """In another process a twin is built anew, from the text of its nominal model and its terms.
+
+        Bodies are fused there, not here: what is fused and then written has lost its last bit. And the text has
+        the lengths at which tendons rest, which are to follow from the terms.
+        """
+        nominal = self.nominal.copy()
+        nominal.compiler.fusestatic = False
+        text = mjcf_text(inline_meshes(nominal, nominal.compile()))
+        lengths = {tendon.name: np.array(tendon.springlength) for tendon in self.nominal.tendons}
+        return _rebuilt, (self.hand, text, bool(self.nominal.compiler.fusestatic), lengths, self.terms)
 
     def changed(self, terms: Terms) -> TwinModel:
         """Another twin of the same hand: the same nominal model with other terms."""
@@ -302,6 +314,14 @@ class TwinModel:
     def mjcf(self) -> str:
         """This twin as one plain, self-contained MJCF."""
         return mjcf_text(inline_meshes(self.spec, self.model))
+
+
+def _rebuilt(hand: Hand, text: str, fusestatic: bool, lengths: dict[str, np.ndarray], terms: Terms) -> TwinModel:
+    spec = mujoco.MjSpec.from_string(text)
+    spec.compiler.fusestatic = fusestatic
+    for name, length in lengths.items():
+        spec.tendon(name).springlength = length
+    return TwinModel(hand, spec, terms)
 
 
 def driven_joints(model: mujoco.MjModel, actuator: int) -> list[tuple[int, float]]:

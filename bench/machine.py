@@ -1,0 +1,46 @@
+"""Where and with what a number was measured."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import platform
+import subprocess
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import twin_daemon
+
+_ROOT = Path(__file__).resolve().parents[1]
+_PACKAGES = ("mujoco", "numpy", "scipy", "scikit-optimize", "cma", "eclipse-zenoh", "distributed")
+
+
+def machine() -> str:
+    """The processor, how many of its cores this process may use, and how busy they are."""
+    name = platform.machine()
+    with contextlib.suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        name = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), name)
+    return f"{name}, {len(os.sched_getaffinity(0))} cores, load {os.getloadavg()[0]:.1f} at the start"
+
+
+def versions() -> dict[str, str]:
+    """Versions by package; what is not installed is left out."""
+    found = {"Python": platform.python_version(), "twin_daemon": twin_daemon.__version__}
+    for package in _PACKAGES:
+        with contextlib.suppress(PackageNotFoundError):
+            found[package] = version(package)
+    return found
+
+
+def commit() -> str | None:
+    """The commit that was measured, with a + where files differ from it; None outside of a repository."""
+    with contextlib.suppress(OSError, subprocess.CalledProcessError):
+        short = _git("rev-parse", "--short", "HEAD")
+        return short + ("+" if _git("status", "--porcelain", "--", "twin_daemon", "bridges", "bench") else "")
+    return None
+
+
+def _git(*arguments: str) -> str:
+    done = subprocess.run(["git", *arguments], cwd=_ROOT, capture_output=True, text=True, check=True)
+    return done.stdout.strip()
