@@ -15,12 +15,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import plotly.graph_objects as go
-from plotly.subplots import make_subplots
-
-from bench.picture import picture
 from twin_daemon.comparison.compare import compare_recording, mean_over_moving, pooled
-from twin_daemon.figures.style import MEASURED, REFERENCE, RESIDUAL, TWIN, styled
+from twin_daemon.figures.style import MEASURED, REFERENCE, RESIDUAL, TWIN
 from twin_daemon.hand import Hand, load_hand
 from twin_daemon.plant import Plant, parse_hidden
 from twin_daemon.plant.motions import rich
@@ -58,7 +54,7 @@ class Week:
 
     def line(self) -> str:
         follow, anew, left = self.follows_rad2, self.anew_rad2, self.never_rad2
-        cells = [self.week, ", ".join(self.hidden) or "nothing", f"{follow:.2g}", f"{anew:.2g}", f"{follow / anew:.1f}"]
+        cells = [self.week, ", ".join(self.hidden) or "nothing", f"{follow:.2g}", f"{anew:.2g}", f"{follow / anew:.2g}"]
         cells += [f"{left:.2g}", f"{left / follow:.0f}", ", ".join(self.appeared) or "-", self.decided]
         return "| " + " | ".join(map(str, [*cells, f"{self.took_s:.0f}"])) + " |"
 
@@ -110,32 +106,38 @@ def main() -> None:
             rows.append(Week(week, hidden, follow, anew, left, tuple(found.appeared), decided, took_s))
             print(rows[-1].line(), flush=True)
     if arguments.page:
-        drawn = arguments.page.parent / "pictures" / "wear.png"
-        picture(figure(rows), drawn)
+        draw(rows, arguments.page.parent / "pictures" / "wear.svg")
         lines = "\n".join(row.line() for row in rows)
         arguments.page.write_text(_PAGE.replace("LINES", lines), encoding="utf-8")
 
 
-def figure(rows: Sequence[Week]) -> go.Figure:
+def draw(rows: Sequence[Week], path: Path) -> None:
     """The errors of the three twins by week, and under them how they compare."""
+    import matplotlib as mpl
+
+    mpl.use("svg")
+    from matplotlib import pyplot as plt
+
     weeks = [row.week for row in rows]
-    drawn = make_subplots(2, 1, shared_xaxes=True, vertical_spacing=0.08)
-    curves = (
-        (1, "never recalibrated", REFERENCE, "dot", [row.never_rad2 for row in rows]),
-        (1, "calibrated anew", RESIDUAL, "dash", [row.anew_rad2 for row in rows]),
-        (1, "follows", TWIN, "solid", [row.follows_rad2 for row in rows]),
-        (2, "never / follows", REFERENCE, "dot", [row.never_rad2 / row.follows_rad2 for row in rows]),
-        (2, "follows / anew", TWIN, "solid", [row.follows_rad2 / row.anew_rad2 for row in rows]),
-    )
-    for place, name, colour, dash, values in curves:
-        line = {"color": colour, "dash": dash, "width": 3}
-        drawn.add_trace(go.Scatter(x=weeks, y=values, name=name, mode="lines+markers", line=line), row=place, col=1)
-    drawn.add_hline(2.0, line={"color": MEASURED, "width": 1}, annotation_text="2", row=2, col=1)  # type: ignore[arg-type]
-    drawn.update_yaxes(type="log", exponentformat="power")
-    drawn.update_yaxes(title_text="error (rad²)", row=1, col=1)
-    drawn.update_yaxes(title_text="ratio", row=2, col=1)
-    drawn.update_xaxes(title_text="week", dtick=1, row=2, col=1)
-    return styled(drawn, "A finger wears: errors on motion that no fit has seen", height=620)
+    # the same file for the same numbers
+    with mpl.rc_context({"svg.hashsalt": "wear", "svg.fonttype": "none", "font.size": 10}):
+        figure, (above, below) = plt.subplots(2, 1, figsize=(7.5, 6.0), sharex=True, layout="constrained")
+        above.plot(weeks, [row.never_rad2 for row in rows], ":o", color=REFERENCE, label="never recalibrated")
+        above.plot(weeks, [row.anew_rad2 for row in rows], "--s", color=RESIDUAL, label="calibrated anew each week")
+        above.plot(weeks, [row.follows_rad2 for row in rows], "-D", color=TWIN, label="follows")
+        above.set(yscale="log", ylabel="error, rad²", title="A finger wears: errors on motion that no fit has seen")
+        below.plot(
+            weeks, [row.never_rad2 / row.follows_rad2 for row in rows], ":o", color=REFERENCE, label="never / follows"
+        )
+        below.plot(weeks, [row.follows_rad2 / row.anew_rad2 for row in rows], "-D", color=TWIN, label="follows / anew")
+        below.axhline(2.0, color=MEASURED, linewidth=1.0, label="twice")
+        below.set(yscale="log", ylabel="ratio", xlabel="week")
+        for axes in (above, below):
+            axes.grid(True, which="major", alpha=0.3)
+            axes.legend()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path, format="svg", metadata={"Date": None})
+        plt.close(figure)
 
 
 _PAGE = """# Weeks of wear
@@ -145,7 +147,7 @@ is recorded for 16 s. One twin follows (recalibrated from its own last version),
 as it comes, one is never recalibrated after week 0. Errors in rad² on other motion of the same week, that no fit has
 seen.
 
-![errors and their ratios by week](pictures/wear.png)
+![errors and their ratios by week](pictures/wear.svg)
 
 | week | worn by | follows | anew | ratio | never | never / follows | named as appeared | decision | s |
 |---|---|---|---|---|---|---|---|---|---|
