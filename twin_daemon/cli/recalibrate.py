@@ -28,7 +28,12 @@ def command(
     joints: options.Joints = None,
     within: Annotated[
         float | None,
-        typer.Option("--within", metavar="S", min=1.0, help="End the search after so many seconds of the machine."),
+        typer.Option(
+            "--within",
+            metavar="S",
+            min=1.0,
+            help="End the search after so many seconds of the machine, and a diagnosis after as many.",
+        ),
     ] = None,
     promote: Annotated[
         bool, typer.Option("--promote", help="Promote the result if it is decided to be better.")

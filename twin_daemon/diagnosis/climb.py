@@ -9,6 +9,7 @@ joints, or a share of what they had at first: less only bends the laws of those 
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
@@ -21,6 +22,7 @@ from twin_daemon.diagnosis.refit import refit_effect, refit_parameters
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding, VerdictName
 from twin_daemon.effects import LIBRARY
 from twin_daemon.errors import BadInput
+from twin_daemon.executor import thread_count
 from twin_daemon.fitting.calibrate import Calibration, calibrate
 from twin_daemon.fitting.spaces import load_space
 from twin_daemon.simulation.alignment import Aligned
@@ -45,6 +47,7 @@ def climb(
     *,
     max_steps: int,
     whole: Sequence[Aligned] = (),
+    seconds: float | None = None,
     seed: int = 0,
     say: Say | None = None,
 ) -> Ladder:
@@ -54,12 +57,13 @@ def climb(
     the model's own parameters of its part are refitted under their priors; what these alone would do, without any
     effect, is `parameters_alone`. Where `holdout` was cut out of the same recordings, these are `whole`: in the end
     the values are fitted to all of them, and nothing is left to judge that by. Ctrl-C ends it; the steps done are in
-    the answer.
+    the answer. After `seconds` of all its cores nothing new is begun.
     """
     climber = _Climber(twin, train, holdout, seed, say or (lambda _: None))
+    ends_s = np.inf if seconds is None else time.process_time() + seconds * thread_count()
     try:
         climber.begin()
-        while climber.ladder.added < max_steps and climber.climb_on():
+        while climber.ladder.added < max_steps and time.process_time() < ends_s and climber.climb_on():
             pass
         climber.end(whole)
     except KeyboardInterrupt:

@@ -51,7 +51,8 @@ def recalibrate(
     """Refits the twin to what its hand does now.
 
     `promised_rad2` is the held-out error that the version showed when it was made; `joints` are those that drifted
-    (all that move without them). The searches end after `seconds` of the processor. A KeyboardInterrupt ends them too,
+    (all that move without them). The searches end after `seconds` of the processor; a diagnosis that follows begins
+    nothing new after as many. A KeyboardInterrupt ends them too,
     with the best so far and without a diagnosis.
     """
     space = _around(load_space(SPACE), joints)
@@ -74,7 +75,7 @@ def recalibrate(
     if fitted.interrupted or (enough and decision.better):
         return Recalibration(after, decision, fitted.parameters, fitted, None, ())
     say("parameters alone do not explain the change: looking for an effect that has appeared")
-    ladder = climb(twin, train, held, max_steps=_MOST_EFFECTS, seed=seed, say=say)
+    ladder = climb(twin, train, held, max_steps=_MOST_EFFECTS, seconds=seconds, seed=seed, say=say)
     if ladder.added:
         other = decide(twin, ladder.twin, held, ladder.parameters, {}, seed)
         if other.after_rad2 < _CLEARLY * decision.after_rad2:

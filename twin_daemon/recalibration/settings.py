@@ -28,7 +28,10 @@ class RecalibrationSettings(BaseModel):
         default=10.0, ge=0.0, description="between the ends of one run and the start of the next"
     )
     seconds: float = Field(
-        default=300.0, gt=0.0, le=86_400.0, description="what the search may take, if nothing else ran"
+        default=300.0,
+        gt=0.0,
+        le=86_400.0,
+        description="what the search may take, if nothing else ran; a diagnosis begins nothing new after as many more",
     )
     nice: int = Field(default=19, ge=0, le=19, description="priority of its process; 19 is the lowest")
     trajectory: str = Field(default="rich_hand", description="of an active run")
