@@ -135,7 +135,7 @@ class _Climber:
             self._parts = self._at_first
         if whole and any(step.together for step in ladder.steps):
             self._say("fitting the same values to the whole recordings")
-            found = self._fit(whole, (), "least-squares")  # from values that are nearly there
+            found = self._fit(whole, ())
             ladder.twin, ladder.parameters = ladder.twin.changed(found.terms), found.parameters
             last = self._step(None, {}, ladder.twin, whole, ())
             ladder.steps.append(replace(last, together=True, verdict=ladder.steps[-1].verdict))
@@ -202,7 +202,7 @@ class _Climber:
             return False
         self._together = True
         self._say("fitting the values of all effects and parameters together")
-        ladder, found = self.ladder, self._fit(self._train, self._holdout, "multi-start")
+        ladder, found = self.ladder, self._fit(self._train, self._holdout)
         changed = ladder.twin.changed(found.terms)
         step = replace(self._step(None, {}, changed), together=True)
         better = step.better_than(ladder.steps[-1])
@@ -215,8 +215,8 @@ class _Climber:
             self._look(None)
         return better
 
-    def _fit(self, train: Sequence[Aligned], holdout: Sequence[Aligned], search: str) -> Calibration:
-        return calibrate(self.ladder.twin, train, holdout, load_space(_TOGETHER), search, seed=self._seed)
+    def _fit(self, train: Sequence[Aligned], holdout: Sequence[Aligned]) -> Calibration:
+        return calibrate(self.ladder.twin, train, holdout, load_space(_TOGETHER), "multi-start", seed=self._seed)
 
     def _worse_than_raw(self) -> bool:
         """Whether held-out motion is predicted better by the command itself than by what has been climbed to."""

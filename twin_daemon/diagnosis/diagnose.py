@@ -107,7 +107,7 @@ def _search(
     if part.base.chi_square <= QUIET_CHI_SQUARE and not strained:
         outcome.unseen = unseen(part) if outcome.left > 1.0 or not seen else []
         # what only held-out motion shows is looked for where the other motion can show it
-        if outcome.left <= 1.0 or outcome.unseen:
+        if outcome.left <= 1.0 or outcome.unseen or _by_parameters(reduced, gate, seed):
             outcome.quiet = True
             return outcome
     first = part
@@ -140,6 +140,16 @@ def _search(
             break
         part = settled
     return outcome
+
+
+def _by_parameters(reduced: Reduced, gate: Gate, seed: int) -> bool:
+    """Whether parameters within their uncertainty explain the held-out motion as well, fitted to all of it.
+
+    A short recording leaves them loose: what they then get wrong on other motion is no effect.
+    """
+    whole = PartFit(reduced.twin, [*reduced.train, *reduced.holdout], reduced.joints)
+    left = Gate(whole, reduced.holdout, seed=seed, first=gate).judge(whole.base).adequacy
+    return whole.base.chi_square <= QUIET_CHI_SQUARE and left <= 1.0 and not _strained(whole)
 
 
 def _is_refinement(first: PartFit, part: PartFit, fit: Fit, outcome: Outcome) -> bool:
