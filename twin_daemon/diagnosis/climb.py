@@ -57,13 +57,13 @@ def climb(
     the model's own parameters of its part are refitted under their priors; what these alone would do, without any
     effect, is `parameters_alone`. Where `holdout` was cut out of the same recordings, these are `whole`: in the end
     the values are fitted to all of them, and nothing is left to judge that by. Ctrl-C ends it; the steps done are in
-    the answer. After `seconds` of all its cores nothing new is begun.
+    the answer. After `seconds` of all its cores nothing new is begun, not even a look at another part.
     """
-    climber = _Climber(twin, train, holdout, seed, say or (lambda _: None))
     ends_s = np.inf if seconds is None else time.process_time() + seconds * thread_count()
+    climber = _Climber(twin, train, holdout, ends_s, seed, say or (lambda _: None))
     try:
         climber.begin()
-        while climber.ladder.added < max_steps and time.process_time() < ends_s and climber.climb_on():
+        while climber.ladder.added < max_steps and climber.in_time and climber.climb_on():
             pass
         climber.end(whole)
     except KeyboardInterrupt:
@@ -75,19 +75,25 @@ class _Climber:
     """A climb under way. `_parts` is what the last diagnosis said of each; `_changed` are those that changed since."""
 
     def __init__(
-        self, twin: TwinModel, train: Sequence[Aligned], holdout: Sequence[Aligned], seed: int, say: Say
+        self, twin: TwinModel, train: Sequence[Aligned], holdout: Sequence[Aligned], ends_s: float, seed: int, say: Say
     ) -> None:
         self._first, self._train, self._holdout, self._seed, self._say = twin, train, holdout, seed, say
+        self._ends_s = ends_s
         self.ladder = Ladder(twin, [self._step(None, {}, twin)])
         self._parts: dict[str, Diagnosis] = {}
         self._changed: set[str] = set()
         self._together = False
 
+    @property
+    def in_time(self) -> bool:
+        """Whether something new may be begun."""
+        return time.process_time() < self._ends_s
+
     def begin(self) -> None:
         """The first look, and what parameters alone would do."""
         self._look(None)
         self._at_first = dict(self._parts)
-        if self.ladder.steps[0].verdict not in ("not_excited", "within_noise"):
+        if self.in_time and self.ladder.steps[0].verdict not in ("not_excited", "within_noise"):
             twin = self._first
             alone = twin.changed(twin.terms.with_parameters(refit_parameters(twin, self._train)))
             self.ladder.parameters_alone = (mean_error(alone, self._train), mean_error(alone, self._holdout))
@@ -128,7 +134,7 @@ class _Climber:
         ladder = self.ladder
         if self._changed:
             self._look(set(self._changed))
-        if ladder.added and ladder.steps[-1].verdict == "unexplained":
+        if self.in_time and ladder.added and ladder.steps[-1].verdict == "unexplained":
             self._fitted_together()
         if self._worse_than_raw():
             ladder.take_back(self._first)
@@ -157,7 +163,7 @@ class _Climber:
         moving = {name for i, name in enumerate(twin.joints) if any(r.moving[i] for r in train)}
         for part in parts(twin):
             own = [name for name in part.joints if name in moving]
-            if own and (only is None or part.name in only):
+            if own and (only is None or part.name in only) and (self.in_time or not self._parts):
                 found = diagnose(
                     twin, train, self._holdout, joints=own, seed=self._seed, stream=self._say, most_effects=1
                 )
