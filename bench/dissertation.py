@@ -17,7 +17,6 @@ import time
 import warnings
 from collections import Counter
 from dataclasses import asdict
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +24,7 @@ from bench.damping import damping_scan
 from bench.dissertation_page import SPACES, page
 from bench.evolution import draw
 from bench.frame import LeftOut
-from bench.machine import commit, machine, versions
+from bench.machine import provenance
 from bench.objective import Found, Objective, gaussian_process
 from bench.real import real
 from twin_daemon.comparison.compare import raw_command_mse
@@ -48,13 +47,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--folder", type=Path, default=Path("docs"), help="where the page, its data and pictures go")
     chosen = parser.parse_args()
-    about = {
-        "command": f"python -m bench.dissertation --bayes-seconds {chosen.bayes_seconds:g} --seed {chosen.seed}",
-        "machine": machine(),
-        "versions": versions(),
-        "commit": commit(),
-        "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
-    }
+    about = provenance(f"python -m bench.dissertation --bayes-seconds {chosen.bayes_seconds:g} --seed {chosen.seed}")
     try:
         spaces = {name: _space(name, chosen.bayes_seconds, chosen.seed) for name in SPACES}
         twin, thumb = real("thumb_calibration")

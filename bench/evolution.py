@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from bench.picture import picture
 from twin_daemon.figures.style import DOWN, REFERENCE, RESIDUAL, TWIN, UP
 
 _LOOK = {
@@ -18,22 +19,10 @@ _LOOK = {
 
 def draw(title: str, searches: Mapping[str, Mapping[str, Any]], reported_rad2: float, path: Path) -> None:
     """One line a search; the level is the best error that the dissertation reports."""
-    import matplotlib as mpl
-
-    mpl.use("svg")
-    from matplotlib import pyplot as plt
-
-    # the same file for the same numbers
-    with mpl.rc_context({"svg.hashsalt": "evolution", "svg.fonttype": "none", "font.size": 10}):
-        figure, axes = plt.subplots(figsize=(7.5, 4.0), layout="constrained")
+    with picture(path) as axes:
         for name, search in searches.items():
             label, colour, style = _LOOK[name]
             evaluations, errors = zip(*search["history"], strict=True)
             axes.step(evaluations, errors, style, where="post", color=colour, label=label, linewidth=1.8)
         axes.axhline(reported_rad2, color=DOWN, linewidth=1.0, label="the dissertation's best")
         axes.set(xscale="log", yscale="log", xlabel="evaluations", ylabel="best error, rad²", title=title)
-        axes.grid(True, which="major", alpha=0.3)
-        axes.legend()
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, format="svg", metadata={"Date": None})
-        plt.close(figure)

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from bench.frame import Row
+from bench.picture import picture
 from twin_daemon.executor import thread_count
-from twin_daemon.figures.style import DOWN, RESIDUAL, TWIN, UP
+from twin_daemon.figures.style import DOWN, REFERENCE, RESIDUAL, TWIN, UP
 from twin_daemon.fitting.problem import Problem
 from twin_daemon.fitting.reduce import restricted
 from twin_daemon.fitting.spaces import Space, knobs_of
@@ -99,13 +100,7 @@ READING = (
 
 def draw(rows: Sequence[Mapping[str, Any]], folder: Path) -> None:
     """Cost over size, both as multiples of the smallest; the thin line is growth in proportion."""
-    import matplotlib as mpl
-
-    mpl.use("svg")
-    from matplotlib import pyplot as plt
-
-    with mpl.rc_context({"svg.hashsalt": "growth", "svg.fonttype": "none", "font.size": 10}):
-        figure, axes = plt.subplots(figsize=(7.5, 4.0), layout="constrained")
+    with picture(folder / "growth.svg") as axes:
         looks = zip(dict.fromkeys(row["what"].partition(":")[0] for row in rows), (TWIN, RESIDUAL, UP, DOWN), "os^D",
                     strict=False)  # fmt: skip
         for what, colour, mark in looks:
@@ -114,12 +109,6 @@ def draw(rows: Sequence[Mapping[str, Any]], folder: Path) -> None:
             costs = np.array([row["ours"] for row in own])
             axes.plot(sizes / sizes[0], costs / costs[0], mark + "-", color=colour, label=what)
         ends = np.array([1.0, 128.0])
-        axes.plot(ends, ends, color="#868e96", linewidth=0.8)
-        axes.set(
-            xscale="log", yscale="log", xlabel="size", ylabel="cost", title=f"Cost by size, {thread_count()} threads"
-        )
-        axes.grid(True, which="major", alpha=0.3)
-        axes.legend()
-        folder.mkdir(parents=True, exist_ok=True)
-        figure.savefig(folder / "growth.svg", format="svg", metadata={"Date": None})
-        plt.close(figure)
+        axes.plot(ends, ends, color=REFERENCE, linewidth=0.8)
+        title = f"Cost by size, {thread_count()} threads"
+        axes.set(xscale="log", yscale="log", xlabel="size", ylabel="cost", title=title)

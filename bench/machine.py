@@ -6,8 +6,10 @@ import contextlib
 import os
 import platform
 import subprocess
+from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
 
 import twin_daemon
 
@@ -31,6 +33,17 @@ def versions() -> dict[str, str]:
         with contextlib.suppress(PackageNotFoundError):
             found[package] = version(package)
     return found
+
+
+def provenance(command: str) -> dict[str, Any]:
+    """What stands beside every number: the command, the machine, the versions, the commit and the date."""
+    return {
+        "command": command,
+        "machine": machine(),
+        "versions": versions(),
+        "commit": commit(),
+        "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+    }
 
 
 def commit() -> str | None:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 import time
 from dataclasses import asdict
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from bench.frame import Benchmark, LeftOut
-from bench.machine import commit, machine, versions
+from bench.machine import provenance
 
 SCHEMA = 1
 
@@ -22,11 +21,7 @@ def measured(benchmark: Benchmark, quick: bool, seed: int) -> dict[str, Any]:
         "name": benchmark.name,
         "compares": benchmark.compares,
         "reading": benchmark.reading,
-        "command": f"python -m bench{' --quick' if quick else ''} --only {benchmark.name} --seed {seed}",
-        "machine": machine(),
-        "versions": versions(),
-        "commit": commit(),
-        "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        **provenance(f"python -m bench{' --quick' if quick else ''} --only {benchmark.name} --seed {seed}"),
     }
     try:
         return {**about, "rows": [asdict(row) for row in benchmark.measure(quick, seed)], "left_out": None,

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from bench.picture import picture
 from twin_daemon.comparison.compare import compare_recording, mean_over_moving, pooled
 from twin_daemon.figures.style import MEASURED, REFERENCE, RESIDUAL, TWIN
 from twin_daemon.hand import Hand, load_hand
@@ -113,31 +114,18 @@ def main() -> None:
 
 def draw(rows: Sequence[Week], path: Path) -> None:
     """The errors of the three twins by week, and under them how they compare."""
-    import matplotlib as mpl
-
-    mpl.use("svg")
-    from matplotlib import pyplot as plt
-
     weeks = [row.week for row in rows]
-    # the same file for the same numbers
-    with mpl.rc_context({"svg.hashsalt": "wear", "svg.fonttype": "none", "font.size": 10}):
-        figure, (above, below) = plt.subplots(2, 1, figsize=(7.5, 6.0), sharex=True, layout="constrained")
+    with picture(path, rows=2, height=6.0) as (above, below):
         above.plot(weeks, [row.never_rad2 for row in rows], ":o", color=REFERENCE, label="never recalibrated")
         above.plot(weeks, [row.anew_rad2 for row in rows], "--s", color=RESIDUAL, label="calibrated anew each week")
         above.plot(weeks, [row.follows_rad2 for row in rows], "-D", color=TWIN, label="follows")
         above.set(yscale="log", ylabel="error, rad²", title="A finger wears: errors on motion that no fit has seen")
-        below.plot(
-            weeks, [row.never_rad2 / row.follows_rad2 for row in rows], ":o", color=REFERENCE, label="never / follows"
-        )
-        below.plot(weeks, [row.follows_rad2 / row.anew_rad2 for row in rows], "-D", color=TWIN, label="follows / anew")
+        gained = [row.never_rad2 / row.follows_rad2 for row in rows]
+        below.plot(weeks, gained, ":o", color=REFERENCE, label="never / follows")
+        behind = [row.follows_rad2 / row.anew_rad2 for row in rows]
+        below.plot(weeks, behind, "-D", color=TWIN, label="follows / anew")
         below.axhline(2.0, color=MEASURED, linewidth=1.0, label="twice")
         below.set(yscale="log", ylabel="ratio", xlabel="week")
-        for axes in (above, below):
-            axes.grid(True, which="major", alpha=0.3)
-            axes.legend()
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, format="svg", metadata={"Date": None})
-        plt.close(figure)
 
 
 _PAGE = """# Weeks of wear

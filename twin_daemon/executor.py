@@ -10,6 +10,7 @@ import contextlib
 import itertools
 import os
 import socket
+import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextvars import ContextVar
@@ -31,6 +32,17 @@ def thread_count() -> int:
     """Threads for roll-outs: TWIN_THREADS, or the cores that this process may use."""
     setting = os.environ.get("TWIN_THREADS", "")
     return int(setting) if setting.isdigit() and int(setting) > 0 else len(os.sched_getaffinity(0))
+
+
+class TimeLimit:
+    """So many seconds of all of this machine's cores, from now on; None for no end."""
+
+    def __init__(self, seconds: float | None) -> None:
+        self._ends_s = np.inf if seconds is None else time.process_time() + seconds * thread_count()
+
+    @property
+    def over(self) -> bool:
+        return time.process_time() > self._ends_s
 
 
 class Executor(Protocol):

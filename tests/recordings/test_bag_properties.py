@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from twin_daemon.errors import BadInput
 from twin_daemon.recordings import load_recording
 from twin_daemon.recordings.assemble import assemble
+from twin_daemon.recordings.batch import Batch
 from twin_daemon.recordings.joint_state_wire import JointStateReader
-from twin_daemon.recordings.mcap_chunks import Batch
 from twin_daemon.recordings.quality import VALUE_KINDS
 
 from .bag_files import ROS1, ROS2, JointState, joint_state_bytes, write_bag

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from twin_daemon.daemon.messages import number
-from twin_daemon.simulation.touches import touches
+from twin_daemon.simulation.touches import dofs_that_move, touches
 from twin_daemon.simulation.twin import TwinModel
 
 
@@ -56,13 +56,5 @@ class Posture:
 def _tips(model: mujoco.MjModel) -> list[int]:
     """The last body of each branch that a joint moves."""
     parents = {int(model.body_parentid[body]) for body in range(1, model.nbody)}
-    moved = [body for body in range(1, model.nbody) if body not in parents]
-    return [body for body in moved if _is_moved(model, body)]
-
-
-def _is_moved(model: mujoco.MjModel, body: int) -> bool:
-    while body:
-        if model.body_jntnum[body]:
-            return True
-        body = int(model.body_parentid[body])
-    return False
+    moved = np.any(dofs_that_move(model), axis=1)
+    return [body for body in range(1, model.nbody) if body not in parents and moved[body]]

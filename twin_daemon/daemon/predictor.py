@@ -191,8 +191,8 @@ class Predictor:
                 self._take(*entry[1:])
         self._anchor(stamp_ns, position, velocity, reason)
         settle_actuators(self.twin.model, self._data, self._control)
-        touched = np.zeros(len(self.twin.joints), dtype=bool)
-        return Prediction(stamp_ns, np.array(position, float), np.array(velocity, float), touched, anchored=reason)
+        measured = np.array(position, float), np.array(velocity, float)
+        return Prediction(stamp_ns, *measured, self._touched.copy(), anchored=reason)
 
     def _anchor(self, stamp_ns: int, position: np.ndarray, velocity: np.ndarray, reason: str) -> None:
         """Joints go to the measured angles; filters and delay lines keep what they hold."""

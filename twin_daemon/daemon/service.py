@@ -201,7 +201,7 @@ class TwinService:
             before = self.version_info["id"]
             model.predictor.inherit(self.predictor)
             self._load(model, version)
-            self.retune(self.settings)
+            self.retune(self.settings)  # they may be others than when it was made ready
             self.residuals.clear()
             self.drifts.clear()
             self.tell("version", f"version {version['id']} replaces {before}")

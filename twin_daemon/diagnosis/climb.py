@@ -9,20 +9,19 @@ joints, or a share of what they had at first: less only bends the laws of those 
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from twin_daemon.comparison.compare import raw_command_error
-from twin_daemon.diagnosis.diagnose import REFINEMENT, diagnose
+from twin_daemon.diagnosis.diagnose import MOST_OF_IT, REFINEMENT, diagnose
 from twin_daemon.diagnosis.ladder import Ladder, Step, mean_error
 from twin_daemon.diagnosis.refit import refit_effect, refit_parameters
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding, VerdictName
 from twin_daemon.effects import LIBRARY
 from twin_daemon.errors import BadInput
-from twin_daemon.executor import thread_count
+from twin_daemon.executor import TimeLimit
 from twin_daemon.fitting.calibrate import Calibration, calibrate
 from twin_daemon.fitting.spaces import load_space
 from twin_daemon.simulation.alignment import Aligned
@@ -35,7 +34,6 @@ _GRAVEST: tuple[VerdictName, ...] = ("unexplained", "ambiguous", "explained", "w
 _NOTHING_MOVES = "no joint moves by more than 0.05 rad: record steps, two speeds, small reversals and holds"
 
 _TOGETHER = "with-effects"  # the space of all values
-_HALF = 0.5
 
 Say = Callable[[str], None]
 
@@ -59,11 +57,10 @@ def climb(
     the values are fitted to all of them, and nothing is left to judge that by. Ctrl-C ends it; the steps done are in
     the answer. After `seconds` of all its cores nothing new is begun, not even a look at another part.
     """
-    ends_s = np.inf if seconds is None else time.process_time() + seconds * thread_count()
-    climber = _Climber(twin, train, holdout, ends_s, seed, say or (lambda _: None))
+    climber = _Climber(twin, train, holdout, TimeLimit(seconds), seed, say or (lambda _: None))
     try:
         climber.begin()
-        while climber.ladder.added < max_steps and climber.in_time and climber.climb_on():
+        while climber.ladder.added < max_steps and not climber.limit.over and climber.climb_on():
             pass
         climber.end(whole)
     except KeyboardInterrupt:
@@ -75,25 +72,26 @@ class _Climber:
     """A climb under way. `_parts` is what the last diagnosis said of each; `_changed` are those that changed since."""
 
     def __init__(
-        self, twin: TwinModel, train: Sequence[Aligned], holdout: Sequence[Aligned], ends_s: float, seed: int, say: Say
+        self,
+        twin: TwinModel,
+        train: Sequence[Aligned],
+        holdout: Sequence[Aligned],
+        limit: TimeLimit,
+        seed: int,
+        say: Say,
     ) -> None:
         self._first, self._train, self._holdout, self._seed, self._say = twin, train, holdout, seed, say
-        self._ends_s = ends_s
+        self.limit = limit
         self.ladder = Ladder(twin, [self._step(None, {}, twin)])
         self._parts: dict[str, Diagnosis] = {}
         self._changed: set[str] = set()
         self._together = False
 
-    @property
-    def in_time(self) -> bool:
-        """Whether something new may be begun."""
-        return time.process_time() < self._ends_s
-
     def begin(self) -> None:
         """The first look, and what parameters alone would do."""
         self._look(None)
         self._at_first = dict(self._parts)
-        if self.in_time and self.ladder.steps[0].verdict not in ("not_excited", "within_noise"):
+        if not self.limit.over and self.ladder.steps[0].verdict not in ("not_excited", "within_noise"):
             twin = self._first
             alone = twin.changed(twin.terms.with_parameters(refit_parameters(twin, self._train)))
             self.ladder.parameters_alone = (mean_error(alone, self._train), mean_error(alone, self._holdout))
@@ -115,7 +113,7 @@ class _Climber:
         joints = finding.joints
         errors = [mean_error(each, self._train, joints) for each in (self._first, self.ladder.twin, twin)]
         start, old, new = (np.nan if error is None else error for error in errors)
-        halves, large = new < _HALF * old, old - new >= REFINEMENT * start
+        halves, large = old - new > MOST_OF_IT * old, old - new >= REFINEMENT * start
         if self.ladder.added and not (halves and self.ladder.spares(joints)) and self._fitted_together():
             return True
         if self.ladder.added and not (halves or large):
@@ -134,7 +132,7 @@ class _Climber:
         ladder = self.ladder
         if self._changed:
             self._look(set(self._changed))
-        if self.in_time and ladder.added and ladder.steps[-1].verdict == "unexplained":
+        if not self.limit.over and ladder.added and ladder.steps[-1].verdict == "unexplained":
             self._fitted_together()
         if self._worse_than_raw():
             ladder.take_back(self._first)
@@ -163,7 +161,7 @@ class _Climber:
         moving = {name for i, name in enumerate(twin.joints) if any(r.moving[i] for r in train)}
         for part in parts(twin):
             own = [name for name in part.joints if name in moving]
-            if own and (only is None or part.name in only) and (self.in_time or not self._parts):
+            if own and (only is None or part.name in only) and not (self._parts and self.limit.over):
                 found = diagnose(
                     twin, train, self._holdout, joints=own, seed=self._seed, stream=self._say, most_effects=1
                 )

@@ -27,6 +27,9 @@ STRAINED_SIGMA = 4.0
 REFINEMENT = 0.03
 """Of the first error: what a second effect at the same place has to take away, or most of what is left."""
 
+MOST_OF_IT = 0.5
+"""Of what is left: most of it."""
+
 _MOST_EFFECTS = 3
 _LOOKED_AT = 15  # candidates from each point of the nuisances
 _REFITTED = 5  # of them
@@ -36,7 +39,6 @@ _FINALISTS = 3
 _COMPARABLE = 4.0  # times the best cost: what is further off after a first fit is not fitted again
 _FINE = 12  # more for the best of them
 _ALIKE = 0.1  # of the best candidate's cost: laws that come this close are not told apart by their form
-_MOST_OF_IT = 0.5  # of the error that is left: or that
 
 Stream = Callable[[str], None]
 """Called with one line whenever a candidate has been judged."""
@@ -161,7 +163,7 @@ def _is_refinement(first: PartFit, part: PartFit, fit: Fit, outcome: Outcome) ->
     if not any(joints & _judged_joints(earlier, other) for earlier, other, _, _ in outcome.accepted):
         return False
     gained = part.base.cost - fit.cost
-    return gained < REFINEMENT * first.base.cost and gained < _MOST_OF_IT * part.base.cost
+    return gained < REFINEMENT * first.base.cost and gained < MOST_OF_IT * part.base.cost
 
 
 def _judged_joints(part: PartFit, fit: Fit) -> set[str]:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 
 import numpy as np
 
-from twin_daemon.executor import in_pieces, thread_count
+from twin_daemon.executor import TimeLimit, in_pieces
 from twin_daemon.fitting.problem import Problem
 
 Progress = Callable[[int, float], None]
@@ -40,11 +39,11 @@ class Tracker:
         self.history: list[float] = []
         self._progress = progress
         self._budget = budget
-        self._ends_s = np.inf if seconds is None else time.process_time() + seconds * thread_count()
+        self._limit = TimeLimit(seconds)
 
     def residuals(self, points: np.ndarray) -> np.ndarray:
         """(B, m) residuals of points (B, p)."""
-        if self.history and time.process_time() > self._ends_s:
+        if self.history and self._limit.over:
             raise BudgetSpent
         points = np.clip(points, 0.0, 1.0)
         left = len(points) if self._budget is None else self._budget - len(self.history)

@@ -8,19 +8,18 @@ are compared byte for byte outside the numbers and read in bulk. Whatever differ
 from __future__ import annotations
 
 import struct
-from array import array
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from rosbags.typesys.store import Typestore
 
-from twin_daemon.recordings.mcap_chunks import Batch
+from twin_daemon.recordings.batch import Batch
 from twin_daemon.recordings.rows import Block, Rows
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 SECOND_NS = 1_000_000_000
-_BULK = 1024  # messages that are turned into arrays at once
+_BULK = 1024  # messages that come one by one and are read together
 _MAX_LAYOUTS = 64  # beyond that the sender is not repeating itself, and looking for layouts costs more than it saves
 _STAMP_AT = 4  # behind the CDR header in ROS 2, behind seq in ROS 1
 _HEAD_AT = 12
@@ -43,20 +42,9 @@ class _Layout:
     refused: str | None
     ignored: tuple[str, ...]
     rows: Rows | None
-    raw: bytearray = field(default_factory=bytearray)
-    received_ns: array = field(default_factory=lambda: array("q"))
-    order: array = field(default_factory=lambda: array("q"))
-
-    def fits(self, raw: bytes) -> bool:
-        return (
-            raw[_HEAD_AT : self.position_at] == self.head
-            and (self.start is None or raw[:4] == self.start)
-            and raw[self.velocity_at : self.velocity_at + 4] == self.velocities
-            and raw[self.effort_at : self.effort_at + 4] == self.efforts
-        )
 
     def fitting(self, rows: np.ndarray) -> np.ndarray:
-        """The same for many messages (n, size) uint8 at once: (n,) bool."""
+        """Which of many messages (n, size) uint8 have this layout: (n,) bool."""
         parts = [(_HEAD_AT, self.head), (self.velocity_at, self.velocities), (self.effort_at, self.efforts)]
         if self.start is not None:
             parts.append((0, self.start))
@@ -84,25 +72,31 @@ class JointStateReader:
         self._layouts: dict[int, list[_Layout]] = {}  # by size of the message
         self._known_layouts = 0
         self._rows: dict[tuple[tuple[str, ...], bool, bool], Rows] = {}
+        self._waiting: list[tuple[bytes, int]] = []
         self._first: dict[tuple[tuple[str, ...], bool, bool], int] = {}
         self.messages = 0
 
     def feed(self, raw: bytes, received_ns: int) -> None:
         """One message as it stands in the file; `received_ns` is when it was recorded."""
-        order = self.messages
-        self.messages += 1
-        for layout in self._layouts.get(len(raw), ()):
-            if layout.fits(raw):
-                layout.raw += raw
-                layout.received_ns.append(received_ns)
-                layout.order.append(order)
-                if len(layout.order) >= _BULK:
-                    self._flush(layout)
-                return
-        self._general(raw, received_ns, order)
+        self._waiting.append((raw, received_ns))
+        if len(self._waiting) >= _BULK:
+            self._flush()
 
     def feed_batch(self, batch: Batch) -> None:
         """Many messages at once, as a file holds them."""
+        self._flush()
+        self._take(batch)
+
+    def _flush(self) -> None:
+        if not self._waiting:
+            return
+        raw, received_ns = zip(*self._waiting, strict=True)
+        self._waiting = []
+        end = np.cumsum([len(message) for message in raw])
+        begin = end - [len(message) for message in raw]
+        self._take(Batch(b"".join(raw), np.zeros(len(raw), dtype=int), begin, end, np.array(received_ns)))
+
+    def _take(self, batch: Batch) -> None:
         size = batch.end - batch.begin
         order = self.messages + np.arange(len(size))
         self.messages += len(size)
@@ -134,9 +128,7 @@ class JointStateReader:
 
     def finish(self) -> list[Rows]:
         """All rows, one for each kind of message, in the order in which the kinds appeared."""
-        for layouts in self._layouts.values():
-            for layout in layouts:
-                self._flush(layout)
+        self._flush()
         return [self._rows[key] for key in sorted(self._rows, key=self._first.__getitem__)]
 
     def _general(self, raw: bytes, received_ns: int, order: int) -> None:
@@ -172,12 +164,6 @@ class JointStateReader:
             np.array(message.velocity, dtype=np.float64),  # type: ignore[attr-defined]
             np.array(message.effort, dtype=np.float64),  # type: ignore[attr-defined]
         )
-
-    def _flush(self, layout: _Layout) -> None:
-        if layout.order:
-            rows = np.frombuffer(bytes(layout.raw), np.uint8).reshape(-1, layout.size)
-            self._read(layout, rows, np.array(layout.received_ns), np.array(layout.order))
-        layout.raw, layout.received_ns, layout.order = bytearray(), array("q"), array("q")
 
     def _read(self, layout: _Layout, rows: np.ndarray, received_ns: np.ndarray, order: np.ndarray) -> None:
         """Messages (n, size) uint8 that all fit a layout."""

@@ -8,42 +8,17 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader, decompress
 
-_MESSAGE = 0x05
-_HEAD = struct.Struct("<BQHIQQ")  # kind, size; channel, sequence, received, published
-_RECORD = struct.Struct("<BQ")
+from twin_daemon.recordings.batch import Batch
+from twin_daemon.recordings.mcap_file import MESSAGE, MESSAGE_HEAD, RECORD_HEAD
+
+_HEAD = struct.Struct(RECORD_HEAD.format + MESSAGE_HEAD.format[1:])  # a message: both in one
 _CHUNK_HEAD = struct.Struct("<BQQQQI")  # kind, size; first, last, size of the content, its checksum
-
-
-@dataclass(frozen=True)
-class Batch:
-    """Messages in the order of their receiving: bytes `begin` to `end` of `content`, by `connection`, at
-    `received_ns`; all (n,)."""
-
-    content: bytes
-    connection: np.ndarray
-    begin: np.ndarray
-    end: np.ndarray
-    received_ns: np.ndarray
-
-    def of(self, connections: Collection[int]) -> Batch:
-        """Those of some connections only."""
-        rows = np.isin(self.connection, list(connections))
-        if rows.all():
-            return self
-        return Batch(self.content, self.connection[rows], self.begin[rows], self.end[rows], self.received_ns[rows])
-
-    def messages(self) -> Iterator[tuple[int, int, bytes]]:
-        """(connection, received_ns, bytes) one by one."""
-        columns = (self.connection, self.received_ns, self.begin, self.end)
-        for connection, received_ns, begin, end in zip(*(column.tolist() for column in columns), strict=True):
-            yield connection, received_ns, self.content[begin:end]
 
 
 class ChunkedBag:
@@ -100,11 +75,11 @@ def _messages(content: bytes, channels: Mapping[int, int]) -> Batch:
         if at <= ahead:
             kind, length, channel, _, received_ns, _ = _HEAD.unpack_from(content, at)
         else:  # too short for a message
-            (kind, length), channel, received_ns = _RECORD.unpack_from(content, at), -1, 0
-        end = at + 9 + length
+            (kind, length), channel, received_ns = RECORD_HEAD.unpack_from(content, at), -1, 0
+        end = at + RECORD_HEAD.size + length
         if end > size:
             raise struct.error(f"a record of {length} bytes at {at} ends behind its chunk")
-        if kind == _MESSAGE and channel in channels:
+        if kind == MESSAGE and channel in channels:
             found.append((channels[channel], at + _HEAD.size, end, received_ns))
         at = end
     rows = np.array(found, dtype=np.int64).reshape(-1, 4)

@@ -30,6 +30,7 @@ STATISTICS, SUMMARY_OFFSET, DATA_END = 0x0B, 0x0E, 0x0F
 MESSAGE_OVERHEAD = 31 + 16  # bytes around the payload, and of its entry in the index
 _CHUNK_BYTES = 2**20
 _SCHEMA_ID = 1
+RECORD_HEAD = struct.Struct("<BQ")  # kind, and bytes that follow
 MESSAGE_HEAD = struct.Struct("<HIQQ")
 
 
@@ -205,7 +206,7 @@ def _name(part: Path, path: Path) -> None:
 
 
 def _record(kind: int, body: bytes) -> bytes:
-    return struct.pack("<BQ", kind, len(body)) + body
+    return RECORD_HEAD.pack(kind, len(body)) + body
 
 
 def _sized(content: bytes) -> bytes:

@@ -10,9 +10,17 @@ from typing import BinaryIO
 from zlib import crc32
 
 from twin_daemon.errors import BadInput
-from twin_daemon.recordings.mcap_file import CHANNEL, CHUNK, DATA_END, MAGIC, MESSAGE, MESSAGE_HEAD, StreamWriter
+from twin_daemon.recordings.mcap_file import (
+    CHANNEL,
+    CHUNK,
+    DATA_END,
+    MAGIC,
+    MESSAGE,
+    MESSAGE_HEAD,
+    RECORD_HEAD,
+    StreamWriter,
+)
 
-_RECORD_HEAD = struct.Struct("<BQ")
 _CHUNK_HEAD = 40  # times, size, checksum, the empty name of the compression, size again
 _LARGEST = 2**30  # of a record; more is not what a recorder wrote
 
@@ -61,8 +69,8 @@ def _copy(file: BinaryIO, writer: StreamWriter) -> None:
 
 def _channels_and_messages(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
     """In the order of the file, up to the place where its writer was killed."""
-    while len(head := file.read(_RECORD_HEAD.size)) == _RECORD_HEAD.size:
-        kind, size = _RECORD_HEAD.unpack(head)
+    while len(head := file.read(RECORD_HEAD.size)) == RECORD_HEAD.size:
+        kind, size = RECORD_HEAD.unpack(head)
         if kind == DATA_END or size > _LARGEST or len(body := file.read(size)) < size:
             return
         if kind == CHANNEL:
@@ -80,8 +88,8 @@ def _channels_and_messages(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
 def _records(records: bytes) -> Iterator[tuple[int, bytes]]:
     at = 0
     while at < len(records):
-        kind, size = _RECORD_HEAD.unpack_from(records, at)
-        at += _RECORD_HEAD.size
+        kind, size = RECORD_HEAD.unpack_from(records, at)
+        at += RECORD_HEAD.size
         yield kind, records[at : at + size]
         at += size
 
