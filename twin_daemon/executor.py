@@ -34,15 +34,33 @@ def thread_count() -> int:
     return int(setting) if setting.isdigit() and int(setting) > 0 else len(os.sched_getaffinity(0))
 
 
+class OutOfTime(Exception):
+    """The time that work was given is over. What it has until then is kept by whoever gave it."""
+
+
 class TimeLimit:
     """So many seconds of all of this machine's cores, from now on; None for no end."""
 
     def __init__(self, seconds: float | None) -> None:
-        self._ends_s = np.inf if seconds is None else time.process_time() + seconds * thread_count()
+        self._seconds = seconds
+        self._began_s = time.process_time()
 
     @property
-    def over(self) -> bool:
-        return time.process_time() > self._ends_s
+    def left_s(self) -> float | None:
+        """Seconds of all cores that are left, below 0 where it is over; None for no end."""
+        if self._seconds is None:
+            return None
+        return self._seconds - (time.process_time() - self._began_s) / thread_count()
+
+    def over(self, share: float = 1.0) -> bool:
+        """Whether this share of it has gone."""
+        left = self.left_s
+        return left is not None and self._seconds is not None and left < (1.0 - share) * self._seconds
+
+    def check(self) -> None:
+        """Raises OutOfTime where it is over."""
+        if self.over():
+            raise OutOfTime
 
 
 class Executor(Protocol):

@@ -143,11 +143,11 @@ def diagnosed(
     most_effects: int | None = None,
 ) -> Diagnosis:
     """The diagnosis, each candidate on standard error as soon as it is judged."""
-    from twin_daemon.diagnosis.diagnose import diagnose
+    from twin_daemon.diagnosis.diagnose import MOST_EFFECTS, diagnose
 
-    limits = {} if most_effects is None else {"most_effects": most_effects}
+    most = MOST_EFFECTS if most_effects is None else most_effects
     with streaming() as say:
-        return diagnose(twin, train, held, joints=joints, seed=seed, stream=say, **limits)
+        return diagnose(twin, train, held, joints=joints, seed=seed, stream=say, most_effects=most)
 
 
 class streaming:

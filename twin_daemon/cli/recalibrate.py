@@ -32,7 +32,7 @@ def command(
             "--within",
             metavar="S",
             min=1.0,
-            help="End the search after so many seconds of the machine, and a diagnosis after as many.",
+            help="Take so many seconds of all cores, a diagnosis included.",
         ),
     ] = None,
     promote: Annotated[
@@ -72,7 +72,7 @@ def command(
         notes.append("no --holdout: every third stretch of each recording is held out, so the intervals are wider")
     began = time.monotonic()
     console = people("-")
-    with progress_bar("bayes over 'wear'", budget) as report:
+    with progress_bar("Bayesian search over 'wear'", budget) as report:
         found = recalibrate(
             session.twin,
             train,

@@ -19,7 +19,8 @@ def hold_out(recordings: Sequence[Aligned]) -> tuple[list[Aligned], list[Aligned
     """Each recording twice: with every third stretch of time hidden, and with only these stretches.
 
     Blocks in time, because neighbouring samples know each other: a random choice would hold nothing out. Both
-    parts share the roll-out's start, so nothing measured inside a held-out block reaches its prediction.
+    parts share the roll-out's start, so nothing measured inside a held-out block reaches its prediction; where
+    roll-outs start anew on the way, hidden samples give the pose that they start from, and are not compared.
     Raises BadInput where a recording is too short to be cut.
     """
     train, held = [], []
@@ -44,4 +45,4 @@ def masked(aligned: Aligned, hidden: np.ndarray) -> Aligned:
     """The recording with the samples of a mask (n,) treated as not measured."""
     measured = aligned.measured.copy()
     measured[hidden] = np.nan
-    return replace(aligned, measured=measured)
+    return replace(aligned, measured=measured, unhidden=aligned.states)

@@ -55,12 +55,12 @@ def climb(
     the model's own parameters of its part are refitted under their priors; what these alone would do, without any
     effect, is `parameters_alone`. Where `holdout` was cut out of the same recordings, these are `whole`: in the end
     the values are fitted to all of them, and nothing is left to judge that by. Ctrl-C ends it; the steps done are in
-    the answer. After `seconds` of all its cores nothing new is begun, not even a look at another part.
+    the answer. After `seconds` of all its cores nothing is looked at any more; what has been found until then is added.
     """
     climber = _Climber(twin, train, holdout, TimeLimit(seconds), seed, say or (lambda _: None))
     try:
         climber.begin()
-        while climber.ladder.added < max_steps and not climber.limit.over and climber.climb_on():
+        while climber.ladder.added < max_steps and climber.may_add and climber.climb_on():
             pass
         climber.end(whole)
     except KeyboardInterrupt:
@@ -87,11 +87,16 @@ class _Climber:
         self._changed: set[str] = set()
         self._together = False
 
+    @property
+    def may_add(self) -> bool:
+        """Whether there is time for an effect; for the first one there always is."""
+        return not self.limit.over() or not self.ladder.added
+
     def begin(self) -> None:
         """The first look, and what parameters alone would do."""
         self._look(None)
         self._at_first = dict(self._parts)
-        if not self.limit.over and self.ladder.steps[0].verdict not in ("not_excited", "within_noise"):
+        if not self.limit.over() and self.ladder.steps[0].verdict not in ("not_excited", "within_noise"):
             twin = self._first
             alone = twin.changed(twin.terms.with_parameters(refit_parameters(twin, self._train)))
             self.ladder.parameters_alone = (mean_error(alone, self._train), mean_error(alone, self._holdout))
@@ -132,7 +137,7 @@ class _Climber:
         ladder = self.ladder
         if self._changed:
             self._look(set(self._changed))
-        if not self.limit.over and ladder.added and ladder.steps[-1].verdict == "unexplained":
+        if not self.limit.over() and ladder.added and ladder.steps[-1].verdict == "unexplained":
             self._fitted_together()
         if self._worse_than_raw():
             ladder.take_back(self._first)
@@ -161,13 +166,20 @@ class _Climber:
         moving = {name for i, name in enumerate(twin.joints) if any(r.moving[i] for r in train)}
         for part in parts(twin):
             own = [name for name in part.joints if name in moving]
-            if own and (only is None or part.name in only) and not (self._parts and self.limit.over):
+            if own and (only is None or part.name in only) and not (self._parts and self.limit.over()):
                 found = diagnose(
-                    twin, train, self._holdout, joints=own, seed=self._seed, stream=self._say, most_effects=1
+                    twin,
+                    train,
+                    self._holdout,
+                    joints=own,
+                    seed=self._seed,
+                    stream=self._say,
+                    most_effects=1,
+                    limit=self.limit,
                 )
                 self._parts[part.name] = found
                 self._changed.discard(part.name)
-                if found.interrupted:
+                if found.interrupted and not self.limit.over():
                     raise KeyboardInterrupt
         self._changed.clear()
         self.ladder.steps[-1] = self._judged(self.ladder.steps[-1])

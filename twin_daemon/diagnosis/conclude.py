@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from twin_daemon.diagnosis.candidates import Hypothesis
 from twin_daemon.diagnosis.fit import Fit
 from twin_daemon.diagnosis.gate import HeldOut
 from twin_daemon.diagnosis.intervals import knob_interval, unit_sigmas
@@ -17,6 +18,30 @@ from twin_daemon.simulation.twin import TwinModel
 _NAMED = 6  # effects that a motion could not have shown, in a reason
 
 
+@dataclass(frozen=True)
+class Accepted:
+    """An effect that passed the gate: the part it was found in, how it was judged, and what it cannot be told from."""
+
+    part: PartFit
+    fit: Fit
+    judged: HeldOut
+    rivals: tuple[Accepted, ...] = ()
+
+    @property
+    def hypothesis(self) -> Hypothesis:
+        assert self.fit.hypothesis is not None
+        return self.fit.hypothesis
+
+    def contains(self, other: Accepted) -> bool:
+        """Whether another law is this one at a bound."""
+        return contains(self.hypothesis, other.hypothesis)
+
+
+def contains(richer: Hypothesis | None, simpler: Hypothesis) -> bool:
+    """Whether one law at the same place is another one at a bound."""
+    return richer is not None and simpler.target == richer.target and simpler.effect.key in richer.effect.contains
+
+
 @dataclass
 class Outcome:
     """What one part said. `left` is the adequacy on held-out motion after the accepted findings."""
@@ -25,7 +50,7 @@ class Outcome:
     joints: tuple[str, ...]
     chi_square: float
     strained: dict[str, float]
-    accepted: list[tuple[PartFit, Fit, HeldOut, tuple[str, ...]]] = field(default_factory=list)
+    accepted: list[Accepted] = field(default_factory=list)
     tried: list[Trial] = field(default_factory=list)
     left: float = 0.0
     quiet: bool = False
@@ -51,7 +76,7 @@ def conclude(
     touching: Sequence[str],
     interrupted: bool,
 ) -> Diagnosis:
-    findings = [_finding(*item) for outcome in outcomes for item in outcome.accepted]
+    findings = [_finding(item) for outcome in outcomes for item in outcome.accepted]
     findings.sort(key=lambda f: -f.evidence)
     loud = [o for o in outcomes if not o.quiet]
     unexplained = [o for o in loud if o.left > 1.0]
@@ -115,9 +140,8 @@ def _too_poor(outcome: Outcome) -> str:
     )
 
 
-def _finding(part: PartFit, fit: Fit, judged: HeldOut, rivals: tuple[str, ...]) -> Finding:
-    hypothesis = fit.hypothesis
-    assert hypothesis is not None
+def _finding(accepted: Accepted) -> Finding:
+    part, fit, judged, hypothesis = accepted.part, accepted.fit, accepted.judged, accepted.hypothesis
     widths = unit_sigmas(fit)
     parameters = {}
     for index, knob in fit.own_knobs:
@@ -140,7 +164,7 @@ def _finding(part: PartFit, fit: Fit, judged: HeldOut, rivals: tuple[str, ...]) 
         holdout_mse_after=judged.mse_after,
         holdout_gain=judged.gain,
         holdout_gain_ci95=judged.gain_ci95,
-        confusable_with=rivals,
+        confusable_with=tuple(rival.hypothesis.name for rival in accepted.rivals),
         explanation=f"{effect.story.what} {effect.story.shows} Likely cause: {effect.story.cause} "
         f"What to do: {effect.story.remedy}",
     )

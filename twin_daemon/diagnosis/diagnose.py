@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from twin_daemon.diagnosis.candidates import Hypothesis, hypotheses
-from twin_daemon.diagnosis.conclude import Outcome, conclude, forced_nuisances, nothing_moves
+from twin_daemon.diagnosis.candidates import hypotheses
+from twin_daemon.diagnosis.conclude import Accepted, Outcome, conclude, contains, nothing_moves
+from twin_daemon.diagnosis.exchange import exchanged
 from twin_daemon.diagnosis.fit import Fit, Rough, Start
-from twin_daemon.diagnosis.gate import Gate, HeldOut
+from twin_daemon.diagnosis.gate import Gate
 from twin_daemon.diagnosis.intervals import stands_out
 from twin_daemon.diagnosis.partfit import QUIET_CHI_SQUARE, SUSPECT_SIGMA, PartFit
-from twin_daemon.diagnosis.reduced import Reduced, Reduction
 from twin_daemon.diagnosis.screening import Screening
 from twin_daemon.diagnosis.verdict import Diagnosis, Trial
 from twin_daemon.diagnosis.visible import DECISIVE_NATS, unseen
-from twin_daemon.executor import concurrently
+from twin_daemon.executor import OutOfTime, TimeLimit, concurrently
+from twin_daemon.fitting.clear_parts import Reduced, Reduction
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.submodel import parts
 from twin_daemon.simulation.twin import TwinModel
@@ -30,7 +32,9 @@ REFINEMENT = 0.03
 MOST_OF_IT = 0.5
 """Of what is left: most of it."""
 
-_MOST_EFFECTS = 3
+MOST_EFFECTS = 3
+"""That a part of the hand is searched for."""
+
 _LOOKED_AT = 15  # candidates from each point of the nuisances
 _REFITTED = 5  # of them
 _STARTS = 4
@@ -52,12 +56,14 @@ def diagnose(
     joints: Sequence[str] | None = None,
     seed: int = 0,
     stream: Stream | None = None,
-    most_effects: int = _MOST_EFFECTS,
+    most_effects: int = MOST_EFFECTS,
+    limit: TimeLimit | None = None,
 ) -> Diagnosis:
     """Which physical effects the twin lacks, on the evidence of `train`, gated by `holdout`.
 
-    Ctrl-C ends the search; what has been found until then is in the answer.
+    Ctrl-C and the end of the time limit end the search; what has been found until then is in the answer.
     """
+    limit = limit or TimeLimit(None)
     say = stream or (lambda _: None)
     moving = [n for i, n in enumerate(twin.joints) if any(r.moving[i] for r in train) and (not joints or n in joints)]
     if not moving:
@@ -81,12 +87,12 @@ def diagnose(
                 assert again is not None  # as clear of contacts as before
                 reduced, fit = _look(again)
             seen = any(o.quiet and not o.unseen for o in outcomes)
-            outcome = _search(fit, reduced, seed, say, most_effects, seen=seen)
+            outcome = _search(fit, reduced, seed, say, most_effects, limit, seen=seen)
             outcomes.append(outcome)
-            for _, found, _, _ in outcome.accepted:
-                if found.hypothesis is not None and found.hypothesis.target == "hand":
-                    accepted_terms = accepted_terms.with_effect(found.hypothesis.term(found.values))
-    except KeyboardInterrupt:
+            for found in outcome.accepted:
+                if found.hypothesis.target == "hand":
+                    accepted_terms = accepted_terms.with_effect(found.hypothesis.term(found.fit.values))
+    except (KeyboardInterrupt, OutOfTime):
         interrupted = True
     return conclude(twin, train, outcomes, touching, interrupted)
 
@@ -96,7 +102,7 @@ def _look(reduced: Reduced) -> tuple[Reduced, PartFit]:
 
 
 def _search(
-    part: PartFit, reduced: Reduced, seed: int, say: Stream, most_effects: int, *, seen: bool = False
+    part: PartFit, reduced: Reduced, seed: int, say: Stream, most_effects: int, limit: TimeLimit, *, seen: bool = False
 ) -> Outcome:
     """`seen` says that another part has moved richly enough for the hand to be called sound."""
     strained = _strained(part)
@@ -114,32 +120,30 @@ def _search(
             return outcome
     first = part
     for _ in range(most_effects):
-        step = _step(part, gate, say, outcome)
+        step = _step(part, gate, say, outcome, limit)
         if step is None:
             break
-        fit, judged, rivals = step
-        if _is_refinement(first, part, fit, outcome):
+        if _is_refinement(first, part, step.fit, outcome):
             break
-        outcome.accepted.append((part, fit, judged, rivals))
-        outcome.left = judged.adequacy
+        outcome.accepted.append(step)
+        outcome.left = step.judged.adequacy
         if len(outcome.accepted) > 1:
-            joint = first.together([found for _, found, _, _ in outcome.accepted], _FINE)
-            outcome.accepted = [
-                (by, one, held, others) for one, (by, _, held, others) in zip(joint, outcome.accepted, strict=True)
-            ]
-        fits = [found for _, found, _, _ in outcome.accepted]
+            joint = first.together([found.fit for found in outcome.accepted], _FINE)
+            outcome.accepted = [replace(a, fit=fit) for a, fit in zip(outcome.accepted, joint, strict=True)]
+            outcome.accepted = exchanged(first, outcome.accepted, _FINE, _decisive)
+        fits = [found.fit for found in outcome.accepted]
         terms = first.twin.terms
-        for found in fits:
-            assert found.hypothesis is not None
-            terms = terms.with_effect(found.hypothesis.term(found.values))
+        for found in outcome.accepted:
+            terms = terms.with_effect(found.hypothesis.term(found.fit.values))
         settled = PartFit(first.twin.changed(terms), part.recordings, part.joints, after=fits[-1], found=fits)
         # beside the effect the nuisances have gone back to where they belong: judged once more as it stands
         gate = Gate(settled, reduced.holdout, seed=seed, first=gate)
         outcome.left = min(outcome.left, gate.judge(settled.base).adequacy)
         outcome.strained = _strained(settled)
-        say(f"  with {_named(fit)}: {settled.base.chi_square:.1f} times the floor, {outcome.left:.1f} held out")
-        if outcome.left <= 1.0 and not forced_nuisances(outcome):
-            break
+        named = ", ".join(found.hypothesis.name for found in outcome.accepted)
+        say(f"  with {named}: {settled.base.chi_square:.1f} times the floor, {outcome.left:.1f} held out")
+        if outcome.left <= 1.0 and not outcome.strained:
+            break  # a nuisance that is far off may be another effect at work
         part = settled
     return outcome
 
@@ -160,7 +164,7 @@ def _is_refinement(first: PartFit, part: PartFit, fit: Fit, outcome: Outcome) ->
     A second cause takes a part of the first error away, or most of what the first has left.
     """
     joints = _judged_joints(part, fit)
-    if not any(joints & _judged_joints(earlier, other) for earlier, other, _, _ in outcome.accepted):
+    if not any(joints & _judged_joints(earlier.part, earlier.fit) for earlier in outcome.accepted):
         return False
     gained = part.base.cost - fit.cost
     return gained < REFINEMENT * first.base.cost and gained < MOST_OF_IT * part.base.cost
@@ -179,10 +183,12 @@ def _strained(part: PartFit) -> dict[str, float]:
     return {name: sigma for name, sigma in strains if name not in values and abs(sigma) > STRAINED_SIGMA}
 
 
-def _step(part: PartFit, gate: Gate, say: Stream, outcome: Outcome) -> tuple[Fit, HeldOut, tuple[str, ...]] | None:
+def _step(part: PartFit, gate: Gate, say: Stream, outcome: Outcome, limit: TimeLimit) -> Accepted | None:
     """One more effect for a part: the best candidate that passes the gate, and what it cannot be told from."""
+    limit.check()
     screening = Screening(part)
     chosen = _shortlist(screening, part, outcome)
+    limit.check()
     tried: dict[str, Rough] = {}
     for rough in concurrently(lambda entered: screening.roughly(entered, _ROUGH), chosen):
         before = tried.get(rough.hypothesis.name)
@@ -193,20 +199,21 @@ def _step(part: PartFit, gate: Gate, say: Stream, outcome: Outcome) -> tuple[Fit
     within = [rough for rough in roughly if rough.cost < _COMPARABLE * roughly[0].cost + screening.floor_cost]
     # where nuisances reach the floor, costs differ by less than a first fit is good for
     finalists = within[: 2 * _FINALISTS if part.base.chi_square <= QUIET_CHI_SQUARE else _FINALISTS]
-    finalists += [r for r in within if r not in finalists and _is_contained(r.hypothesis, finalists[0].hypothesis)]
+    finalists += [r for r in within if r not in finalists and contains(finalists[0].hypothesis, r.hypothesis)]
     for rough in [r for r in roughly if r not in finalists]:
         gain = 0.5 * (screening.cost - rough.cost)
         behind = 0.5 * (rough.cost - roughly[0].cost)
         reason = f"explains less: {behind:.0f} nats behind {roughly[0].hypothesis.name}"
         outcome.tried.append(Trial(rough.hypothesis.effect.key, rough.hypothesis.target, gain, None, None, reason))
         say(f"  {rough.hypothesis.name}: {gain:.0f} nats, {behind:.0f} behind the best")
+    limit.check()
     fine = concurrently(lambda rough: part.finely(rough, _FINE), finalists)
     fits = sorted(((part.evidence(fit), fit) for fit in fine), key=lambda item: -item[0])
     for evidence, fit in fits:
         say(f"  {_named(fit)}: evidence {evidence:.0f} nats, {fit.chi_square:.1f} times the floor")
-    best: tuple[Fit, HeldOut] | None = None
-    simpler: tuple[Fit, HeldOut] | None = None
-    rivals: list[str] = []
+    best: Accepted | None = None
+    simpler: Accepted | None = None
+    rivals: list[Accepted] = []
     best_evidence = 0.0
     for evidence, fit in fits:
         hypothesis = fit.hypothesis
@@ -220,13 +227,13 @@ def _step(part: PartFit, gate: Gate, say: Stream, outcome: Outcome) -> tuple[Fit
         elif not judged.passes:
             reason = f"does not help on held-out motion (gain {judged.gain:.0%}, interval reaches below 0)"
         elif best is None:
-            best, best_evidence = (fit, judged), evidence
+            best, best_evidence = Accepted(part, fit, judged), evidence
             continue
-        elif simpler is None and judged.adequate and _is_contained(hypothesis, best[0].hypothesis):
-            simpler = (fit, judged)
+        elif simpler is None and judged.adequate and contains(best.hypothesis, hypothesis):
+            simpler = Accepted(part, fit, judged)
             continue
-        elif best_evidence - evidence < _decisive(best[0]) and (judged.adequate or not best[1].adequate):
-            rivals.append(hypothesis.name)
+        elif best_evidence - evidence < _decisive(best.fit) and (judged.adequate or not best.judged.adequate):
+            rivals.append(Accepted(part, fit, judged))
             reason = "the data do not tell it from the best candidate"
         else:
             reason = f"explains less: {best_evidence - evidence:.0f} nats behind"
@@ -235,10 +242,10 @@ def _step(part: PartFit, gate: Gate, say: Stream, outcome: Outcome) -> tuple[Fit
         outcome.tried.append(Trial(hypothesis.effect.key, hypothesis.target, evidence, mse, held, reason))
     if best is None:
         return None
-    if simpler is not None and best[0].hypothesis is not None:
+    if simpler is not None:
         # both are right on held-out motion, and one is the other at a bound: the simpler is the answer
-        return (*simpler, (*rivals, best[0].hypothesis.name))
-    return (*best, tuple(rivals))
+        return replace(simpler, rivals=(*rivals, best))
+    return replace(best, rivals=tuple(rivals))
 
 
 def _named(fit: Fit) -> str:
@@ -248,10 +255,6 @@ def _named(fit: Fit) -> str:
 def _decisive(best: Fit) -> float:
     """Nats by which another candidate has to be behind: more where the best is itself not down at the noise."""
     return max(DECISIVE_NATS, _ALIKE * 0.5 * best.cost)
-
-
-def _is_contained(simpler: Hypothesis, richer: Hypothesis | None) -> bool:
-    return richer is not None and simpler.target == richer.target and simpler.effect.key in richer.effect.contains
 
 
 def _worth_a_look(screening: Screening, screened: Sequence[Sequence[Start]], owners: set[str]) -> list[Start]:

@@ -170,15 +170,29 @@ class PartFit:
         other values on the way put back: what began at an end of its range, where a law is simpler, and nuisances
         that are far off.
         """
-        fit = self._descended(rough.hypothesis, rough.problem, rough.point, evaluations)
+        problem, found = self._finely(rough.hypothesis, rough.problem, rough.point, evaluations)
+        return as_fit(rough.hypothesis, problem, found)
+
+    def finely_together(self, fits: Sequence[Fit], evaluations: int, asked: Fit) -> list[Fit]:
+        """Several effects fitted at once, as finely as one is: from where the nuisances are beside one of them."""
+        pairs = [(fit.hypothesis, fit.values) for fit in fits if fit.hypothesis is not None]
+        assert asked.hypothesis is not None
+        problem = self.problem_with(*pairs)
+        problem, found = self._finely(asked.hypothesis, problem, problem.start_from(asked.nuisances), evaluations)
+        return [as_fit(hypothesis, problem, found) for hypothesis, _ in pairs]
+
+    def _finely(
+        self, hypothesis: Hypothesis, problem: WhitenedProblem, point: np.ndarray, evaluations: int
+    ) -> tuple[WhitenedProblem, Descent]:
+        fit = self._descended(hypothesis, problem, point, evaluations)
         for put_back in (_ends, _strained):
             point = put_back(fit)
             if not np.array_equal(point, fit.point):
-                again = self._descended(rough.hypothesis, rough.problem, point, evaluations)
+                again = self._descended(hypothesis, problem, point, evaluations)
                 fit = min(fit, again, key=lambda one: one.cost)
         rows = fit.problem.residuals(fit.point[None])[0]
         reached = Descent(fit.point, rows, fit.slopes, fit.cost)
-        return as_fit(rough.hypothesis, fit.problem, searched(fit.problem, reached, own_columns(fit.problem)))
+        return fit.problem, searched(fit.problem, reached, own_columns(fit.problem))
 
     def _descended(self, hypothesis: Hypothesis, problem: WhitenedProblem, point: np.ndarray, evaluations: int) -> Fit:
         for _ in range(2):

@@ -12,11 +12,11 @@ from twin_daemon.diagnosis.descent import Derivative, descend
 from twin_daemon.diagnosis.fit import Fit, as_fit, own_columns
 from twin_daemon.diagnosis.intervals import knob_interval, unit_sigmas
 from twin_daemon.diagnosis.nuisances import beside, nuisance_knobs
-from twin_daemon.diagnosis.reduced import Reduction
-from twin_daemon.diagnosis.segments import segments
 from twin_daemon.diagnosis.whitened import WhitenedProblem, floor_and_corrections
 from twin_daemon.effects.base import Effect
 from twin_daemon.errors import BadInput
+from twin_daemon.fitting.clear_parts import Reduction
+from twin_daemon.fitting.segments import segments
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.submodel import parts
 from twin_daemon.simulation.terms import EffectTerm

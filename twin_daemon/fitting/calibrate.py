@@ -66,14 +66,16 @@ def calibrate(
     *,
     budget: int | None = None,
     seconds: float | None = None,
+    clear: bool = False,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Calibration:
     """Fits the space's parameters to the training recordings and judges them on the held-out ones.
 
-    The search ends after `budget` evaluations or `seconds` of the processor, whichever comes first.
-    Raises BadInput where the search is unknown or nothing of the space moves. A KeyboardInterrupt ends the
-    search and keeps the best point.
+    With `clear` parts that touch each other are fitted to the motion in which they touch nothing, and left alone where
+    there is none; the errors are those of the whole recordings all the same. The search ends after `budget`
+    evaluations or `seconds` of the processor, whichever comes first. Raises BadInput where the search is unknown or
+    nothing of the space moves. A KeyboardInterrupt ends the search and keeps the best point.
     """
     if search not in SEARCHES:
         raise BadInput(f"no search '{search}'", todo=nearest(search, SEARCHES))
@@ -109,6 +111,7 @@ def calibrate(
                 objective,
                 separable=descends,
                 free_onsets=descends and stage is not _polish,
+                clear=clear,
                 prior_weight=space.anchor_rad,
             )
             found.run(problems, stage, evaluations, seed, time_s)

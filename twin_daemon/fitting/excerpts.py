@@ -34,7 +34,7 @@ def excerpts(recordings: Sequence[Aligned]) -> list[Aligned]:
 
 def _stretch(recording: Aligned, begin_s: float) -> Aligned | None:
     """The stretch from the first sample after `begin_s` that knows every moving joint; None where none does."""
-    usable = np.isfinite(recording.measured[:, recording.moving]).all(axis=1) & (recording.time_s >= begin_s)
+    usable = np.isfinite(recording.states[:, recording.moving]).all(axis=1) & (recording.time_s >= begin_s)
     if not usable.any():
         return None
     first = int(np.argmax(usable))
@@ -42,11 +42,13 @@ def _stretch(recording: Aligned, begin_s: float) -> Aligned | None:
     window = (recording.time_s >= origin) & (recording.time_s <= origin + _STRETCH_S)
     if window.sum() < 2:
         return None
-    position = np.where(np.isfinite(recording.measured[first]), recording.measured[first], recording.start_position)
+    pose = recording.states[first]
+    position = np.where(np.isfinite(pose), pose, recording.start_position)
     return replace(
         recording,
         time_s=recording.time_s[window] - origin,
         measured=recording.measured[window],
+        unhidden=None if recording.unhidden is None else recording.unhidden[window],
         onset_s=recording.onset_s - origin,
         start_position=position,
         start_velocity=_slopes(recording, origin),
@@ -57,7 +59,7 @@ def _slopes(recording: Aligned, origin_s: float) -> np.ndarray:
     """(j,) rad/s: the measured slope about a time, 0 where too few samples say."""
     near = np.abs(recording.time_s - origin_s) <= _SLOPE_S
     out = np.zeros(len(recording.joints))
-    for joint, column in enumerate(recording.measured[near].T):
+    for joint, column in enumerate(recording.states[near].T):
         known = np.isfinite(column)
         if known.sum() >= 3:
             out[joint] = np.polyfit(recording.time_s[near][known], column[known], 1)[0]

@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from twin_daemon.fitting.clear_parts import Reduction, restricted
 from twin_daemon.fitting.knobs import Knob
 from twin_daemon.fitting.problem import Problem
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.contacts import touching_parts
-from twin_daemon.simulation.submodel import parts, submodel, with_coupled
+from twin_daemon.simulation.submodel import Part, parts, submodel, with_coupled
 from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
 
@@ -58,9 +59,15 @@ def reduced_problems(
     *,
     separable: bool,
     free_onsets: bool = False,
+    clear: bool = False,
     prior_weight: float = 0.0,
 ) -> list[SubProblem]:
     """One sub-problem for each part of the hand that the knobs leave independent; one in all where they do not.
+
+    A trunk that moves is a part as well, and moves under each of the others as its commands say; what they do to it
+    while they move is left out, as it is small beside what it carries. With `clear`, parts that touch each other are
+    fitted to the time in which they touch nothing, and left out if they have too little of that: what a contact does
+    hangs on surfaces that no model has right, and a free roll-out through one says more about chance than about values.
 
     With `free_onsets` each has a correction of its own to every onset that was estimated: it depends on the lag of its
     drives, and these are not known yet.
@@ -70,9 +77,12 @@ def reduced_problems(
     found = parts(twin)
     groups = [(p, [k for k in knobs if set(k.joints) <= set(p.joints)]) for p in found]
     assigned = sum(len(ks) for _, ks in groups)
-    moving_trunk = any(p.name == "trunk" and set(p.joints) & set(objective) for p in found)
-    split = separable and not contacts and assigned == len(knobs) and not moving_trunk
-    if not split:
+    split = separable and assigned == len(knobs)
+    if split and contacts and clear and not any(r.onset_free for r in recordings):
+        out = _clear_problems(twin, recordings, groups, objective, prior_weight)
+        if out:
+            return out
+    if contacts or not split:
         needed = set(objective) | {j for k in knobs for j in k.joints}
         chosen = [p for p in found if needed & set(p.joints)]
         members = {n for p in chosen for n in (*p.joints, *p.trunk)}
@@ -88,6 +98,28 @@ def reduced_problems(
             turned = [*own, *_onset_knobs(onsets, joints[0])]
             share = len(joints) / len(objective)
             out.append(_sub(twin, recordings, turned, joints, keep, contacts, share, prior_weight))
+    return out
+
+
+def _clear_problems(
+    twin: TwinModel,
+    recordings: Sequence[Aligned],
+    groups: Sequence[tuple[Part, list[Knob]]],
+    objective: Sequence[str],
+    prior_weight: float,
+) -> list[SubProblem]:
+    """A sub-problem for each part that has enough time in which it touches nothing, over that time.
+
+    Pieces of a recording know nothing of an onset that is estimated: there must be none.
+    """
+    reduction = Reduction(twin, recordings, [])
+    out = []
+    for part, own in groups:
+        joints = [j for j in objective if j in part.joints]
+        reduced = reduction.of(twin, part, joints) if own and joints else None
+        if reduced is not None:
+            problem = Problem(reduced.twin, reduced.train, own, joints, prior_weight=prior_weight)
+            out.append(SubProblem(problem, len(joints) / len(objective)))
     return out
 
 
@@ -120,20 +152,8 @@ def _sub(
     return SubProblem(Problem(small, cut, knobs, objective, prior_weight=prior_weight), weight)
 
 
-def restricted(aligned: Aligned, joints: tuple[str, ...]) -> Aligned:
-    """The same recording with only some joints."""
-    columns = [aligned.joints.index(name) for name in joints]
-    return replace(
-        aligned,
-        joints=joints,
-        measured=aligned.measured[:, columns],
-        start_position=aligned.start_position[columns],
-        start_velocity=aligned.start_velocity[columns],
-    )
-
-
 def touching(twin: TwinModel, recording: Aligned) -> bool:
     """Whether the hand touches anything along the measured motion, by the model's own geometry."""
-    rows = np.linspace(0, len(recording.measured) - 1, _CONTACT_POSES).astype(int)
-    poses = twin.measurement.invert(twin.joints, recording.measured[rows])
+    rows = np.linspace(0, len(recording.states) - 1, _CONTACT_POSES).astype(int)
+    poses = twin.measurement.invert(twin.joints, recording.states[rows])
     return bool(touching_parts(twin, parts(twin), poses))

@@ -39,11 +39,11 @@ class Tracker:
         self.history: list[float] = []
         self._progress = progress
         self._budget = budget
-        self._limit = TimeLimit(seconds)
+        self.limit = TimeLimit(seconds)
 
     def residuals(self, points: np.ndarray) -> np.ndarray:
         """(B, m) residuals of points (B, p)."""
-        if self.history and self._limit.over:
+        if self.history and self.limit.over():
             raise BudgetSpent
         points = np.clip(points, 0.0, 1.0)
         left = len(points) if self._budget is None else self._budget - len(self.history)

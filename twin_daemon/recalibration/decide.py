@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin_daemon.comparison.compare import compare_recording
 from twin_daemon.diagnosis.whitened import block_gain
 from twin_daemon.fitting.calibrate import FittedParameter
+from twin_daemon.recalibration.clear_errors import clear_residuals
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
 
@@ -50,6 +50,8 @@ def decide(
     worse = []
     for column, name in enumerate(joints):
         known = np.isfinite(old[:, column])
+        if not known.any():
+            continue
         was, now = old[known, column], new[known, column]
         if now.mean() > was.mean() + _NOISES * noise[column] and block_gain(was, now, block, seed)[1] < 0.0:
             worse.append(name)
@@ -80,7 +82,7 @@ def _squared(
     before: TwinModel, after: TwinModel, held: Sequence[Aligned]
 ) -> tuple[np.ndarray, np.ndarray, list[str], np.ndarray]:
     """Squared errors (n, k) rad^2 of both twins over the joints that move, their names and noise variances (k,)."""
-    pairs = [(compare_recording(before, r), compare_recording(after, r)) for r in held]
+    pairs = list(zip(*clear_residuals((before, after), held), strict=True))
     first = pairs[0][0]
     moving = np.any([r.moving for r in held], axis=0)
     names = [name for name, moves in zip(first.aligned.joints, moving, strict=True) if moves]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from twin_daemon.diagnosis.climb import climb
 from twin_daemon.diagnosis.ladder import Ladder
+from twin_daemon.executor import TimeLimit
 from twin_daemon.fitting.calibrate import Calibration, FittedParameter, calibrate
 from twin_daemon.fitting.spaces import Space, knobs_of, load_space
 from twin_daemon.fitting.tracker import Progress
@@ -19,8 +20,8 @@ _PROMISE = 2.0  # so many times the error that a version promised, parameters al
 _HALF = 0.5  # where nothing was promised: so much of the error may be left
 _CLEARLY = 0.8  # of the fitted error: below it an effect is preferred to parameters
 _MOST_EFFECTS = 2
-_SEARCHES = (("bayes", 0.4), ("least-squares", 0.6))
-"""One after the other, each with its share of the time: the first looks round, the second goes to the end."""
+_SEARCH = "bayes-descent"
+_SEARCHING = 0.4  # of the time; the rest is for intervals and a diagnosis
 
 
 @dataclass(frozen=True)
@@ -51,31 +52,36 @@ def recalibrate(
     """Refits the twin to what its hand does now.
 
     `promised_rad2` is the held-out error that the version showed when it was made; `joints` are those that drifted
-    (all that move without them). The searches end after `seconds` of the processor; a diagnosis that follows begins
-    nothing new after as many. A KeyboardInterrupt ends them too,
-    with the best so far and without a diagnosis.
+    (all that move without them). It takes `seconds` of all cores: of these the search has two fifths, and what is
+    left when it has been judged goes to a diagnosis, where one is needed. A KeyboardInterrupt ends the search, with the
+    best so far and without a diagnosis.
     """
+    limit = TimeLimit(seconds)
     space = _around(load_space(SPACE), joints)
     moving = tuple(name for i, name in enumerate(twin.joints) if any(r.moving[i] for r in train))
     started = {knob.name: knob.start for knob in knobs_of(space, twin, moving)}
     say("searching around the version in use")
-    after = twin
-    fitted: Calibration
-    for search, share in _SEARCHES:
-        time_s = None if seconds is None else share * seconds
-        fitted = calibrate(
-            after, train, held, space, search, budget=budget, seconds=time_s, seed=seed, progress=progress
-        )
-        after = after.changed(fitted.terms)
-        if fitted.interrupted:
-            break
+    time_s = None if seconds is None else _SEARCHING * seconds
+    fitted = calibrate(
+        twin,
+        train,
+        held,
+        space,
+        _SEARCH,
+        budget=budget,
+        seconds=time_s,
+        clear=True,
+        seed=seed,
+        progress=progress,
+    )
+    after = twin.changed(fitted.terms)
     decision = decide(twin, after, held, fitted.parameters, started, seed)
     bound_rad2 = _HALF * decision.before_rad2 if promised_rad2 is None else _PROMISE * promised_rad2
     enough = decision.after_rad2 <= bound_rad2
     if fitted.interrupted or (enough and decision.better):
         return Recalibration(after, decision, fitted.parameters, fitted, None, ())
     say("parameters alone do not explain the change: looking for an effect that has appeared")
-    ladder = climb(twin, train, held, max_steps=_MOST_EFFECTS, seconds=seconds, seed=seed, say=say)
+    ladder = climb(twin, train, held, max_steps=_MOST_EFFECTS, seconds=limit.left_s, seed=seed, say=say)
     if ladder.added:
         other = decide(twin, ladder.twin, held, ladder.parameters, {}, seed)
         if other.after_rad2 < _CLEARLY * decision.after_rad2:

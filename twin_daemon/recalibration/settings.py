@@ -31,7 +31,7 @@ class RecalibrationSettings(BaseModel):
         default=300.0,
         gt=0.0,
         le=86_400.0,
-        description="what the search may take, if nothing else ran; a diagnosis begins nothing new after as many more",
+        description="what a run may take of all cores, a diagnosis included, if nothing else ran",
     )
     nice: int = Field(default=19, ge=0, le=19, description="priority of its process; 19 is the lowest")
     trajectory: str = Field(default="rich_hand", description="of an active run")

@@ -29,6 +29,7 @@ class Aligned:
     lacks a joint, or where it is hidden from a fit). The command at time t is `signal.sample(t - onset_s)`.
     `onset_free` says that the recording does not hold its commands, so that the onset is estimated and a delay
     cannot be told from it. `start_position` (j,) rad and `start_velocity` (j,) rad/s are measured at time 0.
+    `unhidden` (n, j) rad is all that was measured, where something is hidden: states that roll-outs may start from.
     """
 
     recording: Recording
@@ -40,6 +41,12 @@ class Aligned:
     onset_free: bool
     start_position: np.ndarray
     start_velocity: np.ndarray
+    unhidden: np.ndarray | None = None
+
+    @property
+    def states(self) -> np.ndarray:
+        """(n, j) rad: where the hand was, hidden from a fit or not."""
+        return self.measured if self.unhidden is None else self.unhidden
 
     @property
     def moving(self) -> np.ndarray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from twin_daemon.fitting.searches.bayes import bayes
+from twin_daemon.fitting.searches.bayes_descent import bayes_descent
 from twin_daemon.fitting.searches.least_squares import least_squares
 from twin_daemon.fitting.searches.multi_start import multi_start
 from twin_daemon.fitting.searches.pso import pso
@@ -22,9 +23,10 @@ SEARCHES: dict[str, Search] = {
     "least-squares": least_squares,
     "multi-start": multi_start,
     "bayes": bayes,
+    "bayes-descent": bayes_descent,
     "pso": pso,
     "random": random_search,
 }
 
-DESCENTS = ("least-squares", "multi-start")
+DESCENTS = ("least-squares", "multi-start", "bayes-descent")
 """Searches that take the parts of a hand one after another, and are polished where an onset moved meanwhile."""

@@ -21,6 +21,12 @@ _POLISH_ITERATIONS = 8
 
 def bayes(tracker: Tracker, budget: int | None, seed: int) -> None:
     """The Gaussian process asks 60 times, or, where that is less, for half of what the screening leaves."""
+    look_round(tracker, budget, seed)
+    descend(tracker, tracker.best, _POLISH_ITERATIONS)
+
+
+def look_round(tracker: Tracker, budget: int | None, seed: int, share: float = 1.0) -> None:
+    """The screening and the Gaussian process, which asks no more once this share of the tracker's time has gone."""
     from skopt import Optimizer  # imports scikit-learn, which takes a second
 
     start = tracker.problem.start
@@ -43,8 +49,9 @@ def bayes(tracker: Tracker, budget: int | None, seed: int) -> None:
         warnings.simplefilter("ignore")
         optimizer.tell([float(v) for v in start[chosen]], float(np.log(max(first_cost, 1e-12))))
         for _ in range(calls):
+            if tracker.limit.over(share):
+                break
             asked = optimizer.ask()
             point = start.copy()
             point[chosen] = asked
             optimizer.tell(asked, float(np.log(max(tracker.cost(point[None])[0], 1e-12))))
-    descend(tracker, tracker.best, _POLISH_ITERATIONS)

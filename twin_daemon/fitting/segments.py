@@ -31,7 +31,7 @@ def segments(aligned: Aligned, joints: Sequence[str], touching: np.ndarray | Non
     With `touching` (n,) bool the samples at which they touch something are left out, and some time around them.
     """
     columns = [aligned.joints.index(joint) for joint in joints]
-    time_s, position = aligned.time_s, aligned.measured[:, columns]
+    time_s, position = aligned.time_s, aligned.states[:, columns]
     width = max(2, round(_QUIET_S / float(np.median(np.diff(time_s)))))
     spans = [(0, len(time_s))] if touching is None or not touching.any() else _free(time_s, touching)
     pieces = []
@@ -44,12 +44,22 @@ def segments(aligned: Aligned, joints: Sequence[str], touching: np.ndarray | Non
             earliest = int(np.searchsorted(time_s, time_s[cuts[-1]] + _LEAST_S))
             cuts.append(_calmest(time_s, position, (earliest, stop), _MOST_S - _LEAST_S, width))
         pieces += [_piece(aligned, a, b, width) for a, b in zip(cuts, [*cuts[1:], stop], strict=True)]
-    return pieces
+    return [piece for piece in pieces if np.isfinite(piece.measured[:, columns]).any()]
+
+
+def spread(pieces: Sequence[Aligned], most_s: float) -> list[Aligned]:
+    """The pieces, or where they last longer, so many of them that are spread evenly over all."""
+    whole_s = length_s(pieces)
+    if whole_s <= most_s:
+        return list(pieces)
+    kept = max(1, int(len(pieces) * most_s / whole_s))
+    return [pieces[index] for index in np.linspace(0, len(pieces) - 1, kept).round().astype(int)]
 
 
 def length_s(pieces: Sequence[Aligned]) -> float:
-    """Time covered by all pieces."""
-    return float(sum(piece.time_s[-1] for piece in pieces))
+    """Time covered by all pieces, but for samples that are hidden or too near to a start to count."""
+    seen = [np.isfinite(piece.measured).any(axis=1).mean() for piece in pieces]
+    return float(sum(piece.time_s[-1] * share for piece, share in zip(pieces, seen, strict=True)))
 
 
 def _free(time_s: np.ndarray, touching: np.ndarray) -> list[tuple[int, int]]:
@@ -82,14 +92,15 @@ def _piece(aligned: Aligned, start: int, stop: int, width: int) -> Aligned:
     begin = float(aligned.time_s[start])
     time_s = aligned.time_s[start:stop] - begin
     if start == 0:
-        return replace(aligned, time_s=time_s, measured=aligned.measured[:stop])
+        return replace(aligned, time_s=time_s, measured=aligned.measured[:stop], unhidden=None)
     measured = aligned.measured[start:stop].copy()
     measured[time_s < _UNSCORED_S] = np.nan
-    pose, speed = _state(aligned.time_s - begin, aligned.measured, start, width)
+    pose, speed = _state(aligned.time_s - begin, aligned.states, start, width)
     return replace(
         aligned,
         time_s=time_s,
         measured=measured,
+        unhidden=None,
         onset_s=aligned.onset_s - begin,
         start_position=pose,
         start_velocity=speed,

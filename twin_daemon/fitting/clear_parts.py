@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin_daemon.diagnosis.segments import length_s, segments
-from twin_daemon.fitting.reduce import restricted
+from twin_daemon.fitting.segments import length_s, segments, spread
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.contacts import touching_times
 from twin_daemon.simulation.submodel import Part, parts, submodel, with_coupled
@@ -16,6 +15,7 @@ from twin_daemon.simulation.twin import TwinModel
 
 _MARGIN_M = 1e-3
 _LEAST_CLEAR_S = 2.0
+_MOST_S = 45.0  # of one part's motion: more costs in proportion and says little that is new
 _EVERY_S = 0.02
 
 
@@ -39,7 +39,9 @@ class Reduction:
         self._touching = [_touching(twin, found, r) for r in (*train, *holdout)]
         self.moving = [n for i, n in enumerate(twin.joints) if any(r.moving[i] for r in train)]
 
-    def of(self, twin: TwinModel, part: Part, joints: Sequence[str]) -> Reduced | None:
+    def of(
+        self, twin: TwinModel, part: Part, joints: Sequence[str], *, least_s: float = _LEAST_CLEAR_S
+    ) -> Reduced | None:
         """The part with its moving trunk, over the motion in which it touches nothing; None where that is too short.
 
         What a contact does hangs on surfaces and shapes that no model of a hand has right, so that it says little
@@ -52,15 +54,28 @@ class Reduction:
             for r, masks in zip((*self._train, *self._holdout), self._touching, strict=True)
         ]
         count = len(self._train)
-        train = tuple(p for found in pieces[:count] for p in found)
-        holdout = tuple(p for found in pieces[count:] for p in found)
-        enough_held = not self._holdout or length_s(holdout) > 0.5 * _LEAST_CLEAR_S
-        clear = length_s(train) > _LEAST_CLEAR_S and enough_held
-        return Reduced(part.name, tuple(joints), small, train, holdout) if clear else None
+        train = spread([p for found in pieces[:count] for p in found], _MOST_S)
+        holdout = spread([p for found in pieces[count:] for p in found], _MOST_S)
+        enough_held = not self._holdout or length_s(holdout) > 0.5 * least_s
+        clear = length_s(train) > least_s and enough_held
+        return Reduced(part.name, tuple(joints), small, tuple(train), tuple(holdout)) if clear else None
+
+
+def restricted(aligned: Aligned, joints: tuple[str, ...]) -> Aligned:
+    """The same recording with only some joints."""
+    columns = [aligned.joints.index(name) for name in joints]
+    return replace(
+        aligned,
+        joints=joints,
+        measured=aligned.measured[:, columns],
+        unhidden=None if aligned.unhidden is None else aligned.unhidden[:, columns],
+        start_position=aligned.start_position[columns],
+        start_velocity=aligned.start_velocity[columns],
+    )
 
 
 def _poses(twin: TwinModel, recording: Aligned) -> np.ndarray:
-    return twin.measurement.invert(twin.joints, recording.measured)
+    return twin.measurement.invert(twin.joints, recording.states)
 
 
 def _touching(twin: TwinModel, found: Sequence[Part], recording: Aligned) -> Mapping[str, np.ndarray]:

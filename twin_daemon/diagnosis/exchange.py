@@ -1,0 +1,43 @@
+"""Once several effects have been found: whether what was a tie for one of them still is, beside the others.
+
+While something else is missing, a wrong law may look as good as the right one, because what is missing leaves more than
+what tells the two apart. Beside all the others they are compared again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from twin_daemon.diagnosis.conclude import Accepted
+from twin_daemon.diagnosis.fit import Fit
+from twin_daemon.diagnosis.partfit import PartFit
+from twin_daemon.executor import concurrently
+
+
+def exchanged(
+    first: PartFit, accepted: Sequence[Accepted], evaluations: int, decisive: Callable[[Fit], float]
+) -> list[Accepted]:
+    """The findings, each in turn with the best of itself and its rivals, all fitted together on the first part.
+
+    A rival stays one where it is no further behind than `decisive` nats for the best; a richer law of the same kind is
+    not asked, as it can only seem better.
+    """
+    found = list(accepted)
+    for index, item in enumerate(found):
+        asked = [rival for rival in item.rivals if not rival.contains(item)]
+        if not asked:
+            continue
+        choices = [item, *asked]
+        beside = [[*found[:index], choice, *found[index + 1 :]] for choice in choices]
+        # each begins where the nuisances were beside it: now they fit the effect that is to give way
+        starts = list(zip(beside, choices, strict=True))
+        fits = concurrently(lambda s: first.finely_together([a.fit for a in s[0]], evaluations, s[1].fit), starts)
+        evidence = [first.evidence(joint[index]) for joint in fits]
+        best = max(range(len(choices)), key=evidence.__getitem__)
+        bar = evidence[best] - decisive(fits[best][index])
+        close = tuple(c for c, nats in zip(choices, evidence, strict=True) if c is not choices[best] and nats > bar)
+        richer = tuple(r for r in item.rivals if r not in asked) if best == 0 else ()
+        found = [replace(a, fit=fit) for a, fit in zip(beside[best], fits[best], strict=True)]
+        found[index] = replace(found[index], rivals=(*(replace(c, rivals=()) for c in close), *richer))
+    return found

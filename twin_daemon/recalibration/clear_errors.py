@@ -1,0 +1,53 @@
+"""Errors of two twins of one hand on the same motion, where what no model has right is left out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from twin_daemon.comparison.compare import Comparison, compare_recording
+from twin_daemon.fitting.clear_parts import Reduced, Reduction
+from twin_daemon.fitting.problem import Problem
+from twin_daemon.fitting.reduce import touching
+from twin_daemon.simulation.alignment import Aligned
+from twin_daemon.simulation.submodel import parts
+from twin_daemon.simulation.twin import TwinModel
+
+_LEAST_S = 0.3  # of a part's motion, to be judged by it
+
+
+def clear_residuals(twins: Sequence[TwinModel], recordings: Sequence[Aligned]) -> list[list[Comparison]]:
+    """For each twin the comparisons with the recordings, measured minus predicted where nothing touches.
+
+    A recording without contacts is one free roll-out. Where parts of the hand touch each other, each is predicted on
+    its own from where it stands clear of everything to the next contact, and its samples in between are NaN. Where no
+    part is ever clear it is the roll-out of the whole hand.
+    """
+    out = [[compare_recording(twin, r) for r in recordings] for twin in twins]
+    for index, recording in enumerate(recordings):
+        if recording.onset_free or not touching(twins[0], recording):
+            continue
+        reduction = Reduction(twins[0], [recording], [])
+        for twin, comparisons in zip(twins, out, strict=True):
+            found = np.full_like(comparisons[index].predicted, np.nan)
+            for part in parts(twin):
+                own = [n for n in part.joints if recording.moving[twin.joints.index(n)]]
+                reduced = reduction.of(twin, part, own, least_s=_LEAST_S) if own else None
+                if reduced is not None:
+                    found[:, [twin.joints.index(name) for name in own]] = _predicted(reduced, recording)
+            if np.isfinite(found).any():
+                comparisons[index].predicted[:] = found
+    return out
+
+
+def _predicted(reduced: Reduced, recording: Aligned) -> np.ndarray:
+    """(n, k) rad: what the pieces of one part predict on the recording's own clock, NaN between them."""
+    problem = Problem(reduced.twin, reduced.train, (), reduced.joints)
+    found = np.full((len(recording.time_s), len(reduced.joints)), np.nan)
+    for piece, read in zip(reduced.train, problem.predict(np.zeros((1, 0))), strict=True):
+        first = int(np.searchsorted(recording.time_s, recording.onset_s - piece.onset_s - 1e-9))
+        rows = found[first : first + len(piece.time_s)]
+        scored = np.isfinite(piece.measured).any(axis=1)
+        rows[scored] = read[0][scored]
+    return found
