@@ -39,7 +39,7 @@ Namespace = Annotated[
     str | None, typer.Option("--namespace", metavar="NS", help="First part of the keys; default the hand's name.")
 ]
 _POLL_S = 1.0
-_SWITCH_S = 0.0005
+_SWITCH_S = 1e-4
 _GATE_S = 1.5  # its thread comes round twice a second where nothing moves
 AUDIT = "audit.jsonl"
 
