@@ -18,7 +18,7 @@ from twin_daemon.simulation.rollout import remembers, roll_out
 from twin_daemon.simulation.terms import EffectTerm, Terms
 from twin_daemon.simulation.twin import TwinModel
 
-_PAST_S = 1.0  # of commands before a roll-out, for delays and filters
+_PAST_S = 4.0  # of commands before a roll-out, for delays, filters and limits of rate
 _DIVERGED_RAD = 10.0  # what a simulation that left the finite numbers counts as
 
 
