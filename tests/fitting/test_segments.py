@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.simulation.made import FINGER, recorded
+from twin_daemon.comparison.split import hold_out
 from twin_daemon.fitting.segments import length_s, segments
 from twin_daemon.simulation.alignment import Aligned, align
 from twin_daemon.simulation.contacts import touching_times
@@ -38,6 +39,24 @@ def test_time_in_contact_is_in_no_piece(aligned: Aligned) -> None:
         begin = aligned.onset_s - piece.onset_s
         times = begin + piece.time_s
         assert not ((times > 2.0) & (times < 2.5)).any()
+
+
+def test_what_is_held_out_still_says_where_the_hand_was(aligned: Aligned) -> None:
+    whole = {_begin(aligned, piece): piece for piece in segments(aligned, JOINTS)}
+    hidden = [np.isnan(half[0].measured).all(axis=1) for half in hold_out([aligned])]
+    for half, gone in zip(hold_out([aligned]), hidden, strict=True):
+        pieces = segments(half[0], JOINTS)
+        assert pieces
+        for piece in pieces:
+            begin = _begin(aligned, piece)
+            np.testing.assert_array_equal(piece.start_position, whole[begin].start_position)
+            rows = np.searchsorted(aligned.time_s, begin + piece.time_s - 1e-9)
+            assert np.isnan(piece.measured[gone[rows]]).all()
+            assert np.isfinite(piece.measured).any()
+
+
+def _begin(aligned: Aligned, piece: Aligned) -> float:
+    return round(aligned.onset_s - piece.onset_s, 9)
 
 
 def test_fingers_that_are_pushed_together_touch(twin: TwinModel) -> None:
