@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bench import growth
+from bench import growth, speed
 from bench.cluster import cluster
 from bench.echo import echo
 from bench.frame import Benchmark
@@ -61,6 +61,12 @@ BENCHMARKS = (
         "cores.",
         cluster,
         "On one machine a cluster can only cost; this is what handing work over costs.",
+    ),
+    Benchmark(
+        "speed",
+        "The ways in which the work is done (ours), and the plain ways to the same answers (theirs).",
+        speed.speed,
+        speed.READING,
     ),
     Benchmark(
         "growth",

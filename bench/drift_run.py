@@ -33,7 +33,7 @@ _LONGEST_S = 1200.0
 def main() -> None:
     """One line a step."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--sound", type=float, default=1600.0, help="seconds before it wears: each pace has to be known")
+    parser.add_argument("--sound", type=float, default=1600.0, help="seconds before it wears")
     parser.add_argument("--hidden", default="viscous_friction:rh_FFJ3=0.3", help="the wear, as for twin hand")
     parser.add_argument("--seconds", type=float, default=60.0, help="time for the recalibration")
     chosen = parser.parse_args()
