@@ -100,7 +100,9 @@ def look(session: zenoh.Session, timeout_s: float = 1.0) -> dict[str, HandSeen]:
 
 
 def _namespaces(session: zenoh.Session) -> list[str]:
-    keys = (str(reply.ok.key_expr) for reply in session.liveliness().get(f"{_BEFORE}**{_AFTER}", timeout=1.0) if reply.ok)
+    keys = (
+        str(reply.ok.key_expr) for reply in session.liveliness().get(f"{_BEFORE}**{_AFTER}", timeout=1.0) if reply.ok
+    )
     names = {key.removeprefix(_BEFORE).removesuffix(_AFTER) for key in keys}
     return sorted(name for name in names if re.fullmatch(NAMESPACE, name))[:MOST_HANDS]
 

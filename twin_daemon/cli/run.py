@@ -188,7 +188,9 @@ def load_named(hand: str | None, model: Path | None, namespace: str | None) -> H
         return loaded
     if not re.fullmatch(NAMESPACE, namespace):
         raise UsageError(
-            f"'{namespace}' is no namespace", where="--namespace", allowed="letters, digits, _ and -, with / between parts"
+            f"'{namespace}' is no namespace",
+            where="--namespace",
+            allowed="letters, digits, _ and -, with / between parts",
         )
     return replace(loaded, description=loaded.description.model_copy(update={"namespace": namespace}))
 
