@@ -90,7 +90,6 @@ def test_hands_of_one_router_are_listed_shown_and_stopped_each_by_itself(
     with connect(f"ws://{served.host}/live?hand=right", max_size=None) as stream:
         lamps = left_over | {"left": "away"}
         until(lambda: lamps_of(json.loads(stream.recv(timeout=20))) == lamps)
-    assert {name: one["status"] for name, one in fleet(processes).items()} == left_over
     arm.send_signal(signal.SIGCONT)
     until(lambda: states(session) == {"lab/arm": "waiting", "right": "following"})
     for process in (arm, daemons["right"]):
