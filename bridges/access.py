@@ -67,12 +67,13 @@ def _rules(keyring: Keyring, description: HandDescription, known_by: str) -> dic
     told = [description.key(name) for name in ("twin_joint_states", "residual", "events", "health")]
     asked = [*(description.key(name) for name in _LOOK), command("status"), command("stop")]
     work = [description.key(name) for name in _WORK]
+    alive = [description.key("alive"), description.keys.alive.format(ns="**")]  # who looks for hands asks for all
     everything = [*streams, *told, *asked, *work, command("*"), description.key("alive")]
     rules = [
         _rule("answers", "egress", ["put", "reply", "liveliness_token", "declare_queryable", "query"], everything),
         _rule("interest", "egress", ["declare_subscriber"], everything),
         _rule("listen", "ingress", ["declare_subscriber"], [*streams, *told, command("sent")]),
-        _rule("see", "ingress", ["liveliness_query", "declare_liveliness_subscriber"], [description.key("alive")]),
+        _rule("see", "ingress", ["liveliness_query", "declare_liveliness_subscriber"], alive),
         _rule("ask", "ingress", ["query"], asked),
         _rule("work", "ingress", ["query"], work),
         _rule("command", "ingress", ["query"], [command("*")]),

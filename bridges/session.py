@@ -1,8 +1,8 @@
 """Zenoh sessions that find each other on loopback in any start order.
 
 The daemon is the meeting point: it listens, as a router, so that what one process says reaches all others. Everyone
-else is a client of that endpoint. Where a router is there already, the daemon is a client too. Nothing is
-announced on the network: no multicast, no gossip.
+else is a client of that endpoint. Where a router is there already, or the address is another machine's, the daemon is
+a client too. Nothing is announced on the network: no multicast, no gossip.
 """
 
 from __future__ import annotations
@@ -20,11 +20,12 @@ import zenoh
 from bridges.access import credentials
 from bridges.stop import Stoppable
 from bridges.tls import is_tls, shown_by_client
-from twin_daemon.errors import BadInput, UsageError
+from twin_daemon.errors import BadInput, NoAnswer, UsageError
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 _ENDPOINT = re.compile(r"^(tcp|udp|tls|quic|ws|unixsock-stream)/\S+$")
 _RETRY_S = 0.2
+_ROUTER_S = 15.0  # a router elsewhere may start later; with five tries a minute systemd would give up
 
 
 def choose_endpoint(given: str | None = None) -> str:
@@ -89,25 +90,35 @@ def open_client(
     return None
 
 
-def open_daemon(endpoint: str, access: dict[str, Any] | None = None) -> tuple[zenoh.Session, str]:
+def open_daemon(
+    endpoint: str, access: dict[str, Any] | None = None, stop: Stoppable | None = None
+) -> tuple[zenoh.Session, str]:
     """A session for the daemon, and whether it "listens" there or "joined" the router that was there already.
 
-    With `access` its own router enforces it; a router that was there already has rules of its own.
+    With `access` its own router enforces it; a router that was there already has rules of its own. Raises NoAnswer
+    where the address is another machine's and no router answers there.
     """
     try:
         return zenoh.open(session_config("router", listen=[endpoint], more=access)), "listens"
     except zenoh.ZError as error:
-        if "in use" not in str(error):
+        elsewhere = "Cannot assign requested address" in str(error)
+        if not elsewhere and "in use" not in str(error):
             raise BadInput(
                 f"cannot listen: {error}".split(" at /")[0], where=endpoint, todo="Choose another --endpoint"
             ) from None
     if access is not None:
         raise BadInput(
-            "another router is there, whose rules this daemon cannot set",
+            "a router of this daemon's own cannot listen there, and the rules of another one are not its to set",
             where=endpoint,
             todo="Choose another --endpoint, or leave 'access' out and let that router control it",
         )
-    session = open_client(endpoint, timeout_s=2.0)
+    session = open_client(endpoint, _ROUTER_S if elsewhere else 2.0, stop)
+    if session is None and elsewhere:
+        raise NoAnswer(
+            "this is another machine's address, and no router answers there",
+            where=endpoint,
+            todo="Start the router, or choose an --endpoint of this machine for the daemon to listen at",
+        )
     if session is None:
         raise BadInput(
             "this address is in use by something that is not Zenoh",

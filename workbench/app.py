@@ -17,7 +17,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.requests import Request
-from starlette.responses import HTMLResponse, JSONResponse, Response
+from starlette.responses import HTMLResponse, JSONResponse, RedirectResponse, Response
 from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 
@@ -28,8 +28,7 @@ from twin_daemon.jsonable import plain
 from twin_daemon.report.chart import in_script
 from twin_daemon.report.page import style
 from workbench.allowance import Allowance
-from workbench.live import Live
-from workbench.skeleton import Skeleton
+from workbench.hands import Hands, View
 from workbench.stream import stream_of
 
 log = logging.getLogger(__name__)
@@ -45,8 +44,7 @@ Ending = Callable[[], None]
 
 def build(
     hand: Hand,
-    live: Live,
-    skeleton: Skeleton,
+    hands: Hands,
     token: str,
     hosts: Iterable[str],
     more: Iterable[BaseRoute] = (),
@@ -56,18 +54,24 @@ def build(
 
     @contextlib.asynccontextmanager
     async def lifespan(_app: Starlette) -> AsyncIterator[None]:
-        live.start()
+        hands.start()
         try:
             yield
         finally:
-            for end in (*at_end, live.close):
+            for end in (*at_end, hands.close):
                 await run_in_threadpool(end)
 
-    page = _page(hand, skeleton)
+    template = _template()
     plotly_js = plotly.offline.get_plotlyjs()
 
-    async def index(_request: Request) -> Response:
-        return HTMLResponse(page)
+    async def index(request: Request) -> Response:
+        try:
+            view = await run_in_threadpool(hands.view, request.query_params.get("hand"))
+        except (BadInput, NoAnswer):  # it may come yet, and the page lists those that are there
+            if not request.query_params:
+                raise
+            return RedirectResponse("/", 303)
+        return HTMLResponse(_page(template, hand, view, hands.fleet))
 
     async def plotly_file(_request: Request) -> Response:
         forever = {"Cache-Control": "private, max-age=31536000, immutable"}  # its name holds its version
@@ -76,13 +80,20 @@ def build(
     async def style_file(_request: Request) -> Response:
         return Response(style(), media_type="text/css")
 
+    def stop(body: dict[str, Any]) -> dict[str, Any]:
+        try:
+            live = hands.addressed(body.get("hand"))
+        except TwinError as error:
+            raise NoAnswer(f"NOT stopped: {error.line()}", todo="Use the hand's own emergency stop") from None
+        return live.stop_hand(str(body.get("reason", "from the workbench"))[:400])
+
     routes: list[BaseRoute] = [
         Route("/", index),
         Route(f"/plotly-{plotly.__version__}.js", plotly_file),
         Route("/report.css", style_file),
-        WebSocketRoute("/live", stream_of(live, skeleton)),
-        posting("/api/keep", lambda _: live.keep()),
-        posting(_STOP, lambda body: live.stop_hand(str(body.get("reason", "from the workbench"))[:400])),
+        WebSocketRoute("/live", stream_of(hands)),
+        posting("/api/keep", lambda body: hands.addressed(body.get("hand")).keep()),
+        posting(_STOP, stop),
         *more,
         Mount("/static", StaticFiles(directory=_HERE / "static")),
     ]
@@ -141,14 +152,30 @@ def _said(_request: Request, error: Exception) -> Response:
     return JSONResponse({"error": f"A bug in twin_daemon stopped this request ({what})."}, 500)
 
 
-def _page(hand: Hand, skeleton: Skeleton) -> str:
+def _template() -> jinja2.Template:
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_HERE / "templates"), autoescape=True, undefined=jinja2.StrictUndefined
     )
-    description = hand.description
-    return environment.get_template("workbench.html.j2").render(
+    return environment.get_template("workbench.html.j2")
+
+
+def _page(template: jinja2.Template, hand: Hand, view: View, fleet: bool) -> str:
+    """`hand` is the workbench's own, whose recordings and versions are here."""
+    description = view.description
+    facts = {
+        "joints": list(description.joints),
+        "bones": view.skeleton.bones if view.skeleton is not None else (),
+        "dark": DARK,
+        "namespace": description.namespace,
+        "fleet": fleet,
+        "own": view.own,
+    }
+    return template.render(
         hand=description.name,
+        kept_of=hand.name,
         namespace=description.namespace,
+        fleet=fleet,
+        own=view.own,
         plotly_version=plotly.__version__,
-        facts=in_script(plain({"joints": list(description.joints), "bones": skeleton.bones, "dark": DARK})),
+        facts=in_script(plain(facts)),
     )

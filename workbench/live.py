@@ -52,8 +52,9 @@ class Live:
         self._connection: Connection | None = None
         self._thread: threading.Thread | None = None
 
-    def start(self) -> None:
-        self._connection = Connection(self.endpoint)
+    def start(self, connection: Connection) -> None:
+        """Hears through this connection, which stays its owner's."""
+        self._connection = connection
         self._thread = threading.Thread(target=self._work, name="twin-workbench", daemon=True)
         self._thread.start()
 
@@ -64,8 +65,6 @@ class Live:
             self._thread.join()
         for subscriber in self._subscribers:
             subscriber.undeclare()
-        if self._connection is not None:
-            self._connection.close()
 
     # -- what is known -------------------------------------------------------------------------------------
 

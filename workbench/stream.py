@@ -8,40 +8,47 @@ from collections.abc import Awaitable, Callable
 from typing import Any
 
 import numpy as np
+from starlette.concurrency import run_in_threadpool
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from workbench.live import Live
+from twin_daemon.errors import TwinError
+from workbench.hands import Hands
 from workbench.numbers import listed
-from workbench.skeleton import Skeleton
 from workbench.window import Piece
 
 FRAMES_A_SECOND = 20
 _ABOUT_EVERY = 10  # frames
 
 
-def stream_of(live: Live, skeleton: Skeleton) -> Callable[[WebSocket], Awaitable[None]]:
+def stream_of(hands: Hands) -> Callable[[WebSocket], Awaitable[None]]:
     """The end point of a websocket that sends frames until either side goes.
 
     A browser that reads slowly gets fewer frames, each with all that was new; nothing piles up here. With
-    `?space=1` each frame has the points of both hands as well.
+    `?space=1` each frame has the points of measured and predicted hand as well. `?hand=` names which hand.
     """
 
     async def stream(socket: WebSocket) -> None:
+        try:
+            view = await run_in_threadpool(hands.view, socket.query_params.get("hand"))
+        except TwinError as error:
+            await socket.close(1008, error.line()[:120])
+            return
+        live = view.live
         await socket.accept()
         left = asyncio.ensure_future(_until_it_leaves(socket))
         loop = asyncio.get_running_loop()
         cursor, number, due_s = 0, 0, loop.time()
-        space = socket.query_params.get("space") == "1"
+        space = view.skeleton if socket.query_params.get("space") == "1" else None
         try:
             while not left.done():
                 piece = live.window.after(cursor)
                 frame = _frame(piece)
-                if space and len(piece.time_s):
-                    hands = (skeleton.points(row[-1].astype(float)) for row in (piece.measured, piece.predicted))
-                    frame["hands"] = [listed(points, 4) for points in hands]
+                if space is not None and len(piece.time_s):
+                    both = (space.points(row[-1].astype(float)) for row in (piece.measured, piece.predicted))
+                    frame["hands"] = [listed(points, 4) for points in both]
                 cursor = piece.cursor
                 if number % _ABOUT_EVERY == 0:
-                    frame |= {"about": live.about(), "rms": listed(live.window.rms_rad(), 6)}
+                    frame |= {"about": live.about(), "rms": listed(live.window.rms_rad(), 6), "fleet": hands.listed()}
                 number += 1
                 await socket.send_text(json.dumps(frame, allow_nan=False, separators=(",", ":")))
                 due_s = max(due_s + 1.0 / FRAMES_A_SECOND, loop.time())

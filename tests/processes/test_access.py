@@ -14,6 +14,7 @@ import zenoh
 from bridges import cdr
 from bridges.client import ask
 from bridges.commander import Commander
+from bridges.fleet import look
 from bridges.session import open_client
 from twin_daemon.daemon.messages import JointSample
 from twin_daemon.errors import NoAnswer
@@ -43,6 +44,9 @@ def test_each_may_do_what_his_role_says(
     if stranger is not None:
         sessions["anonymous"] = stranger
     try:
+        for session in sessions.values():
+            until(lambda session=session: list(look(session)) == [NS])
+            assert look(session)[NS].hand == "shadow_hand"
         names = tuple(ask(sessions["viewer"], f"twin/{NS}/state", 15.0)["joints"])
 
         def received() -> int:

@@ -15,10 +15,11 @@ import zenoh
 from bridges import cdr
 from bridges.client import ask
 from bridges.ros_keys import RosKeys, type_hash
-from bridges.session import open_client, session_config
+from bridges.session import open_client, open_daemon, session_config
 from tests.processes.conftest import free_port
 from twin_daemon.daemon.messages import JointSample
 from twin_daemon.daemon.settings import RosSettings
+from twin_daemon.errors import BadInput, NoAnswer
 
 # As rmw_zenoh and `ros2 topic info --verbose` on Jazzy print it.
 JOINT_STATE = "RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e"
@@ -97,6 +98,15 @@ def test_two_hands_in_one_network_do_not_hear_each_other(twin: Any, until: Any) 
         left = ask(session, "twin/left/health", 15.0)
     assert left["joint_states"]["received"] == 0
     assert [twin.end(process)[0] for process in (hand, *daemons)] == [0, 0, 0]
+
+
+def test_a_router_on_another_machine_that_is_not_there_is_missed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("bridges.session._ROUTER_S", 0.1)
+    elsewhere = "tcp/192.0.2.1:7447"  # kept for documentation: nobody has this address (RFC 5737)
+    with pytest.raises(NoAnswer, match="another machine's address"):
+        open_daemon(elsewhere)
+    with pytest.raises(BadInput, match="rules of another"):
+        open_daemon(elsewhere, access={})
 
 
 def test_streaming_goes_on_after_the_router_was_killed(twin: Any, until: Any) -> None:

@@ -37,6 +37,7 @@ COMMANDS: dict[str, Entry] = {
     "command": Entry("reach", "Commands to the real hand, through a gate: arm, move, trajectory, stop.", LIVE),
     "workbench": Entry("workbench", "A page in the browser: live, compare, diagnose, add, history.", LIVE),
     "audit": Entry("audit", "Who asked what of the hand, and whether the log of it is whole.", STATE),
+    "fleet": Entry("fleet", "The hands of one network, and how each is.", LIVE),
     "query": Entry("query", "Ask the daemon: state, residual, version, health, drift, events, model.", LIVE),
     "compare": Entry("compare", "The model against measurements, joint by joint.", OFFLINE),
     "check": Entry("check", "What the data can and cannot tell, before a fit.", OFFLINE),

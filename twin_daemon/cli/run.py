@@ -6,6 +6,7 @@ import contextlib
 import gc
 import logging
 import os
+import re
 import sys
 import time
 from dataclasses import replace
@@ -16,7 +17,7 @@ import typer
 
 from twin_daemon.cli.options import HandName, Model, Seconds, VersionRef
 from twin_daemon.cli.session import silence_mujoco
-from twin_daemon.errors import BadInput
+from twin_daemon.errors import BadInput, UsageError
 from twin_daemon.resources import state_dir
 
 if TYPE_CHECKING:
@@ -103,7 +104,7 @@ def command(
         elif settings.access is not None:
             looks = settings.access.anonymous == "look"
             access = router_access(keyring, chosen.description, folder / "passwords", looks)
-        session, how = open_daemon(address, access)
+        session, how = open_daemon(address, access, stop)
         stack.callback(session.close)
         if how == "joined" and someone_serves(session, service.hand.description.key("alive")):
             raise BadInput(
@@ -180,11 +181,17 @@ def hand_folder(namespace: str) -> Path:
 
 def load_named(hand: str | None, model: Path | None, namespace: str | None) -> Hand:
     """The hand, with another namespace if one is given."""
-    from twin_daemon.hand import load_hand
+    from twin_daemon.hand import NAMESPACE, load_hand
 
     loaded = load_hand(hand, model)
     if namespace is None:
         return loaded
+    if not re.fullmatch(NAMESPACE, namespace):
+        raise UsageError(
+            f"'{namespace}' is no namespace",
+            where="--namespace",
+            allowed="letters, digits, _ and -, with / between parts",
+        )
     return replace(loaded, description=loaded.description.model_copy(update={"namespace": namespace}))
 
 

@@ -33,6 +33,10 @@ Folders = Annotated[
     typer.Option("--folder", metavar="FOLDER...", help="Folders of recordings to offer; default: the state folder's."),
 ]
 
+Fleet = Annotated[
+    bool, typer.Option("--fleet", help="Show every hand on the network; recordings and versions are --hand's.")
+]
+
 
 def command(
     port: Port = PORT,
@@ -46,6 +50,7 @@ def command(
     model: options.Model = None,
     namespace: Namespace = None,
     endpoint: Endpoint = None,
+    fleet: Fleet = False,
     seconds: options.Seconds = None,
 ) -> int:
     """Serve the workbench: live hand and twin, recordings against versions, diagnosis, ladder, history.
@@ -60,18 +65,18 @@ def command(
     from workbench.allowance import LOOPBACK, new_token
     from workbench.app import build
     from workbench.compare import Compare
+    from workbench.hands import Hands
     from workbench.history import History
     from workbench.jobs import Jobs
     from workbench.learn import Learn
     from workbench.library import Library
-    from workbench.live import Live
     from workbench.server import listen, serve
     from workbench.shelf import Shelf
     from workbench.skeleton import Skeleton
 
     logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(levelname)s %(message)s")
     chosen = load_named(hand, model, namespace)
-    live = Live(chosen.description, choose_endpoint(endpoint))
+    where = choose_endpoint(endpoint)
     silence_mujoco()
     library = Library(existing(recording), existing(folder) or [state_dir() / "recordings"])
     shelf = Shelf(chosen, VersionStore(chosen.name), trajectory, joint_map)
@@ -86,14 +91,16 @@ def command(
     options_of_data = [*(["--trajectory", trajectory] if trajectory else [])]
     options_of_data += ["--joint-map", str(joint_map.absolute())] if joint_map else []
     learn = Learn(library, shelf, jobs, options_of_data)
+    hands = Hands(chosen.description, Skeleton(shelf.nominal), where, fleet=fleet)
     routes = [*compare.routes, *learn.routes, *History(shelf.store).routes]
-    app = build(chosen, live, Skeleton(shelf.nominal), token, hosts, routes, [jobs.close, shelf.close])
+    app = build(chosen, hands, token, hosts, routes, [jobs.close, shelf.close])
     name_shown = socket.gethostname() if bind in ("0.0.0.0", "::") else shown
     address = f"http://{name_shown}:{listener.getsockname()[1]}/"
 
     def ready() -> None:
         console = people()
-        console.print(f"The workbench of {plain_text(chosen.description.namespace)}:", soft_wrap=True)
+        shown_hands = f"the hands at {where}" if fleet else chosen.description.namespace
+        console.print(f"The workbench of {plain_text(shown_hands)}:", soft_wrap=True)
         console.print(f"  to look:  {plain_text(address)}", soft_wrap=True)
         if os.environ.get("JOURNAL_STREAM"):  # a log is read by more people than may work
             write_atomically(state_dir() / "workbench.token", f"{token}\n".encode(), mode=0o600)

@@ -5,10 +5,11 @@ from __future__ import annotations
 from .description import DEFAULT_HAND, Hand, known_hands, load_hand
 from .mjcf import compile_model, refuse_unphysical
 from .naming import canonical, match
-from .schema import CommandInfo, HandDescription, JointInfo, Keys, Topics
+from .schema import NAMESPACE, CommandInfo, HandDescription, JointInfo, Keys, Topics
 
 __all__ = [
     "DEFAULT_HAND",
+    "NAMESPACE",
     "CommandInfo",
     "Hand",
     "HandDescription",

@@ -16,6 +16,9 @@ Name = Annotated[str, Field(min_length=1, max_length=200)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
+NAMESPACE = r"^[A-Za-z0-9_\-]+(/[A-Za-z0-9_\-]+)*$"
+"""What a hand may be called on the network: it becomes part of keys and of folders."""
+
 
 class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
@@ -93,7 +96,7 @@ class HandDescription(_Strict):
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_\-]{1,64}$")]
     model: Name
     """Path of the MJCF, relative to the description's folder."""
-    namespace: Annotated[str, Field(pattern=r"^[A-Za-z0-9_\-]+(/[A-Za-z0-9_\-]+)*$", max_length=100)]
+    namespace: Annotated[str, Field(pattern=NAMESPACE, max_length=100)]
     rate_hz: Annotated[float, Field(gt=0, le=10_000)] = 125.0
     joint_defaults: dict[str, float] = Field(default_factory=dict)
     """Fields of JointInfo for every joint that does not set its own; merged into `joints` on reading."""

@@ -1,5 +1,6 @@
 // The live view: what comes twenty times a second, and what is known of the daemon.
 import { element, facts, made, milli, needsAllowance, number, post, row, say, works } from "./page.js";
+import * as fleet from "./hands.js";
 import * as space from "./space.js";
 import { draw } from "./strip.js";
 
@@ -17,20 +18,21 @@ export function start() {
   element("strips-hold").addEventListener("click", hold);
   space.start();
   element("space-open").addEventListener("click", inSpace);
+  element("space-open").hidden = !facts.bones.length;
   addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.altKey || event.metaKey || event.target.closest("input, select")) return;
     if (event.key === "h") hold();
-    if (event.key === "s" && !element("view-live").hidden) inSpace();
+    if (event.key === "s" && facts.bones.length && !element("view-live").hidden) inSpace();
   });
   needsAllowance(element("keep"));
   works(element("keep"), async () => {
-    const answer = await post("/api/keep");
-    say(answer.kept ? `Kept ${answer.seconds.toFixed(0)} s as ${answer.path}. It is in the list under Compare.`
+    const answer = await post("/api/keep", { hand: facts.namespace });
+    say(answer.kept ? `Kept ${answer.seconds.toFixed(0)} s as ${answer.path} on the daemon's machine. If that is this one, it is in the list under Compare.`
       : `Nothing was kept: ${answer.why}`, answer.kept ? "note" : "error");
     dispatchEvent(new Event("recordings"));
   });
   works(element("stop"), async () => {
-    const answer = await post("/api/stop", { reason: "the stop of the workbench" });
+    const answer = await post("/api/stop", { hand: facts.namespace, reason: "the stop of the workbench" });
     say(answer.accepted ? "Stopped and latched; 'twin command release' undoes it." : `NOT stopped: ${answer.why}`,
       answer.accepted ? "note" : "error");
   });
@@ -57,7 +59,8 @@ function inSpace() {
 }
 
 function connect() {
-  socket = new WebSocket(`ws://${location.host}/live${element("space-box").hidden ? "" : "?space=1"}`);
+  const hand = encodeURIComponent(facts.namespace), open = element("space-box").hidden ? "" : "&space=1";
+  socket = new WebSocket(`ws://${location.host}/live?hand=${hand}${open}`);
   socket.onmessage = (event) => { failures = 0; take(JSON.parse(event.data)); };
   socket.onclose = () => {
     presence("lost", "bad", "The workbench's server is away. What is shown is from before; this page tries again by itself.");
@@ -79,6 +82,7 @@ function take(frame) {
   if (frame.about) {
     rms = frame.rms;
     about(frame.about);
+    if (facts.fleet) fleet.show(frame.fleet);
     if (!held && performance.now() - sorted > SORT_EVERY_MS) arrange();
     table();
   }

@@ -1,12 +1,12 @@
 // Starts the page: the allowance out of its address, the views and their keys.
-import { allowed, element } from "./page.js";
+import { allowed, element, facts } from "./page.js";
 import * as choices from "./choices.js";
 import * as compare from "./compare.js";
 import * as past from "./history.js";
 import * as learn from "./learn.js";
 import * as live from "./live.js";
 
-const VIEWS = ["live", "compare", "learn", "history"];
+const VIEWS = facts.own ? ["live", "compare", "learn", "history"] : ["live"];
 const opened = { live, compare, learn, history: past };
 
 function show() {

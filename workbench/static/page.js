@@ -5,7 +5,7 @@ const TOKEN = "twin-workbench-token";
 const given = /^#token=([\w-]+)$/.exec(location.hash);
 if (given) {
   sessionStorage.setItem(TOKEN, given[1]);
-  history.replaceState(null, "", location.pathname);
+  history.replaceState(null, "", location.pathname + location.search);
 }
 
 export const facts = JSON.parse(document.getElementById("facts").textContent);
