@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from twin_daemon.diagnosis.candidates import hypotheses
-from twin_daemon.diagnosis.conclude import Accepted, Outcome, conclude, contains, nothing_moves
+from twin_daemon.diagnosis.conclude import Accepted, Outcome, conclude, contains, forced_nuisances, nothing_moves
 from twin_daemon.diagnosis.exchange import exchanged
 from twin_daemon.diagnosis.fit import Fit, Rough, Start
 from twin_daemon.diagnosis.gate import Gate
@@ -161,11 +161,14 @@ def _by_parameters(reduced: Reduced, gate: Gate, seed: int) -> bool:
 def _is_refinement(first: PartFit, part: PartFit, fit: Fit, outcome: Outcome) -> bool:
     """Whether a further effect only bends the law of one that has been found at the same place.
 
-    A second cause takes a part of the first error away, or most of what the first has left.
+    A second cause takes a part of the first error away, or most of what the first has left. Where the first is right
+    already but for a nuisance that is somewhat far off, only an effect at another place is a second cause.
     """
     joints = _judged_joints(part, fit)
     if not any(joints & _judged_joints(earlier.part, earlier.fit) for earlier in outcome.accepted):
         return False
+    if outcome.left <= 1.0 and not forced_nuisances(outcome):
+        return True
     gained = part.base.cost - fit.cost
     return gained < REFINEMENT * first.base.cost and gained < MOST_OF_IT * part.base.cost
 
