@@ -11,6 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import zenoh
 
 from bridges.recorder import TOPICS, add_channels, as_joint_state, wall_offset_ns
@@ -27,6 +28,9 @@ _MIB = 2**20
 _FRAME_BYTES = 16 * 1024  # schema, channels and summary around the messages
 _REST_EVERY, _REST_S = 32, 0.0005  # the interpreter is the loop's for most of the time
 _CLOSE_S = 15.0
+_STATES = "joint_states"
+_LEAST_S = 30.0  # less says too little
+_BEFORE_S = 1.0
 
 
 class Keeper:
@@ -71,10 +75,13 @@ class Keeper:
         except Exception as error:
             log.warning("the answer to keep failed: %r", error)
 
-    def keep(self) -> dict[str, Any]:
-        """Writes what the ring holds. Where it went, or why not; never raises for the disk's sake."""
+    def keep(self, since_ns: int | None = None) -> dict[str, Any]:
+        """Writes what the ring holds, or what of it the hand did since a stamp, but half a minute at least.
+
+        Where it went, or why not; never raises for the disk's sake.
+        """
         with self._writing:
-            messages = self._ring.messages()
+            messages = _since(self._ring.messages(), since_ns)
             if not messages:
                 off = self._ring.seconds <= 0.0
                 return self._refused("keep_minutes is 0: nothing is kept" if off else "nothing has arrived yet")
@@ -157,6 +164,15 @@ class Keeper:
             "limited_by": "keep_mib" if self._ring.full else "keep_minutes",
             **rest,
         }
+
+
+def _since(messages: list[Kept], since_ns: int | None) -> list[Kept]:
+    """The messages from the first joint state of a stamp on, and the commands that it began with."""
+    if since_ns is None or not messages:
+        return messages
+    begun_s = next((m.arrival_s for m in messages if m.stream == _STATES and m.stamp_ns >= since_ns), np.inf)
+    begun_s = min(begun_s, messages[-1].arrival_s - _LEAST_S) - _BEFORE_S
+    return [message for message in messages if message.arrival_s >= begun_s]
 
 
 def _span_s(messages: list[Kept]) -> float:

@@ -55,6 +55,23 @@ def test_what_is_kept_loads_as_a_recording(tmp_path: Path) -> None:
     assert recording.commands is not None
 
 
+@pytest.mark.parametrize(("ago_s", "kept_s"), [(50.0, 51.0), (5.0, 31.0), (500.0, 99.5)])
+def test_what_the_hand_did_since_a_moment_is_kept_but_half_a_minute_at_least(
+    tmp_path: Path, ago_s: float, kept_s: float
+) -> None:
+    held, count = Ring(600.0, 2**24), 200
+    for number in range(count):
+        stamp_ns = BEGIN_NS + number * 500_000_000
+        payload = cdr.encode(JointSample(stamp_ns, NAMES, np.array([0.001 * number, 0.1])))
+        for stream in ("joint_commands", "joint_states"):
+            held.add(stream, stamp_ns, payload, 100.0 + 0.5 * number)
+    one = Keeper(held, load_hand().description, tmp_path, DaemonSettings())
+    newest_ns = BEGIN_NS + (count - 1) * 500_000_000
+    answer = one.keep(newest_ns - round(ago_s * 1e9))
+    assert answer["seconds"] == pytest.approx(kept_s)
+    assert load_recording(Path(answer["path"])).stamp_ns[-1] == newest_ns
+
+
 def test_two_keeps_are_two_files(tmp_path: Path) -> None:
     one = keeper(tmp_path)
     assert one.keep()["path"] != one.keep()["path"]

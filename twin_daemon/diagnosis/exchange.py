@@ -20,8 +20,8 @@ def exchanged(
 ) -> list[Accepted]:
     """The findings, each in turn with the best of itself and its rivals, all fitted together on the first part.
 
-    A rival stays one where it is no further behind than `decisive` nats for the best; a richer law of the same kind is
-    not asked, as it can only seem better.
+    A rival stays one where it is no further behind than `decisive` nats for the best; of these the one with the fewest
+    parameters stands first. A richer law of the same kind is not asked, as it can only seem better.
     """
     found = list(accepted)
     for index, item in enumerate(found):
@@ -34,9 +34,11 @@ def exchanged(
         starts = list(zip(beside, choices, strict=True))
         fits = concurrently(lambda s: first.finely_together([a.fit for a in s[0]], evaluations, s[1].fit), starts)
         evidence = [first.evidence(joint[index]) for joint in fits]
-        best = max(range(len(choices)), key=evidence.__getitem__)
-        bar = evidence[best] - decisive(fits[best][index])
-        close = tuple(c for c, nats in zip(choices, evidence, strict=True) if c is not choices[best] and nats > bar)
+        most = max(range(len(choices)), key=evidence.__getitem__)
+        bar = evidence[most] - decisive(fits[most][index])
+        tied = [i for i, nats in enumerate(evidence) if i == most or nats > bar]
+        best = min(tied, key=lambda i: (len(fits[i][index].own_knobs), -evidence[i]))
+        close = tuple(choices[i] for i in tied if i != best)
         richer = tuple(r for r in item.rivals if r not in asked) if best == 0 else ()
         found = [replace(a, fit=fit) for a, fit in zip(beside[best], fits[best], strict=True)]
         found[index] = replace(found[index], rivals=(*(replace(c, rivals=()) for c in close), *richer))
