@@ -39,7 +39,10 @@ class OutOfTime(Exception):
 
 
 class TimeLimit:
-    """So many seconds of all of this machine's cores, from now on; None for no end."""
+    """So many seconds of all of this machine's cores, from now on; None for no end.
+
+    It counts what this process does: work that is sent to another one takes no limit along.
+    """
 
     def __init__(self, seconds: float | None) -> None:
         self._seconds = seconds
@@ -56,6 +59,18 @@ class TimeLimit:
         """Whether this share of it has gone."""
         left = self.left_s
         return left is not None and self._seconds is not None and left < (1.0 - share) * self._seconds
+
+    def __reduce__(self) -> tuple[type[TimeLimit], tuple[None]]:
+        return TimeLimit, (None,)
+
+    def checked(self, work: Callable[[Item], Result]) -> Callable[[Item], Result]:
+        """The same work, which raises OutOfTime instead of beginning when it is over."""
+
+        def begun(item: Item) -> Result:
+            self.check()
+            return work(item)
+
+        return begun
 
     def check(self) -> None:
         """Raises OutOfTime where it is over."""

@@ -193,7 +193,7 @@ def _step(part: PartFit, gate: Gate, say: Stream, outcome: Outcome, limit: TimeL
     chosen = _shortlist(screening, part, outcome)
     limit.check()
     tried: dict[str, Rough] = {}
-    for rough in concurrently(lambda entered: screening.roughly(entered, _ROUGH), chosen):
+    for rough in concurrently(limit.checked(lambda entered: screening.roughly(entered, _ROUGH)), chosen):
         before = tried.get(rough.hypothesis.name)
         tried[rough.hypothesis.name] = rough if before is None or rough.cost < before.cost else before
     roughly = sorted(tried.values(), key=lambda rough: rough.cost)
@@ -210,7 +210,7 @@ def _step(part: PartFit, gate: Gate, say: Stream, outcome: Outcome, limit: TimeL
         outcome.tried.append(Trial(rough.hypothesis.effect.key, rough.hypothesis.target, gain, None, None, reason))
         say(f"  {rough.hypothesis.name}: {gain:.0f} nats, {behind:.0f} behind the best")
     limit.check()
-    fine = concurrently(lambda rough: part.finely(rough, _FINE), finalists)
+    fine = concurrently(limit.checked(lambda rough: part.finely(rough, _FINE)), finalists)
     fits = sorted(((part.evidence(fit), fit) for fit in fine), key=lambda item: -item[0])
     for evidence, fit in fits:
         say(f"  {_named(fit)}: evidence {evidence:.0f} nats, {fit.chi_square:.1f} times the floor")
