@@ -281,14 +281,14 @@ def _shortlist(screening: Screening, part: PartFit, outcome: Outcome) -> list[Ro
     """Where to start the fits that are worth one: the best start of each candidate by the cost that it has.
 
     What a nuisance stands in for is invisible beside it. Where nuisances alone reach the floor by straining, only
-    the effects that they stand in for are asked; elsewhere these join the best of the screening.
+    effects at their joints are asked; elsewhere what they stand in for joins the best of the screening.
     """
     strained = {name for name, sigma in part.base.strains.items() if abs(sigma) > SUSPECT_SIGMA}
     everything = hypotheses(part.twin, sorted(part.suspects, key=part.joints.index), whole_hand=True)
     owners = [h for h in everything if h.speaks_for(part.twin)]
     quiet = part.base.chi_square <= QUIET_CHI_SQUARE
     near = {part.group_of(knob.joints[0]) for knob in part.knobs if knob.name in strained and knob.joints}
-    asked = [h for h in owners if part.group_of(h.target) in near] if quiet and near else everything
+    asked = [h for h in everything if part.group_of(h.target) in near] if quiet and near else everything
     screened = [starts for starts in concurrently(screening.screen, asked) if starts]
     looked_at = _worth_a_look(screening, screened, {h.name for h in owners})
     entered = sorted((r for r in concurrently(screening.enter, looked_at) if r is not None), key=lambda r: r.cost)
