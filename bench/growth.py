@@ -14,8 +14,8 @@ from bench.frame import Row
 from bench.picture import picture
 from twin_daemon.executor import thread_count
 from twin_daemon.figures.style import DOWN, REFERENCE, RESIDUAL, TWIN, UP
+from twin_daemon.fitting.clear_parts import restricted
 from twin_daemon.fitting.problem import Problem
-from twin_daemon.fitting.reduce import restricted
 from twin_daemon.fitting.spaces import Space, knobs_of
 from twin_daemon.hand import load_hand
 from twin_daemon.plant import Plant

@@ -13,8 +13,9 @@ import numpy as np
 from rosbags.highlevel import AnyReader
 
 from bench.frame import Row, ratio_row
+from twin_daemon.fitting.clear_parts import restricted
 from twin_daemon.fitting.problem import Problem
-from twin_daemon.fitting.reduce import reduced_problems, restricted
+from twin_daemon.fitting.reduce import reduced_problems
 from twin_daemon.fitting.spaces import knobs_of, load_space
 from twin_daemon.hand import load_hand
 from twin_daemon.plant import Plant

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import math
 import threading
 import time
 from collections import Counter
@@ -11,7 +12,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import zenoh
 
 from bridges.recorder import TOPICS, add_channels, as_joint_state, wall_offset_ns
@@ -170,7 +170,7 @@ def _since(messages: list[Kept], since_ns: int | None) -> list[Kept]:
     """The messages from the first joint state of a stamp on, and the commands that it began with."""
     if since_ns is None or not messages:
         return messages
-    begun_s = next((m.arrival_s for m in messages if m.stream == _STATES and m.stamp_ns >= since_ns), np.inf)
+    begun_s = next((m.arrival_s for m in messages if m.stream == _STATES and m.stamp_ns >= since_ns), math.inf)
     begun_s = min(begun_s, messages[-1].arrival_s - _LEAST_S) - _BEFORE_S
     return [message for message in messages if message.arrival_s >= begun_s]
 

@@ -56,7 +56,6 @@ class Recalibrator:
         self._child: Child | None = None
         self._began_s = self._looked_s = self._kept_s = self._moved_s = time.monotonic()
         self._said = 0
-        self._since_ns: int | None = None  # of the joints that drift: since when
         self._last: dict[str, Any] | None = None
         self._lock = threading.Lock()
         self._guard = Guard(log)
@@ -106,8 +105,7 @@ class Recalibrator:
         for event in self._service.recent_events()["events"][-20:]:
             if event["kind"] == "drift" and event["stamp_ns"] > self._said:
                 self._said = event["stamp_ns"]
-                self.schedule.drifted(event["joint"])
-                self._since_ns = min(self._since_ns or event["since_ns"], event["since_ns"])
+                self.schedule.drifted(event["joint"], event["since_ns"])
         self._watch_version(now_s)
         if self._child is not None:
             self._take_up(now_s)
@@ -151,7 +149,7 @@ class Recalibrator:
             recording = None
             if not drive:
                 # what the hand did before it drifted is another hand's motion
-                kept = self._keeper.keep(self._since_ns if self.schedule.drifting else None)
+                kept = self._keeper.keep(self.schedule.drifting_since_ns)
                 if not kept["kept"]:
                     return str(kept["why"])
                 recording = str(kept["path"])
@@ -181,7 +179,6 @@ class Recalibrator:
         self._child = Child(*arguments, result=result, nice=self._settings.nice)
         self._began_s = time.monotonic()
         self.schedule.begun(datetime.now(UTC), run)
-        self._since_ns = None
         told = {"why": run.why, "joints": run.joints}
         self._service.tell("recalibration", f"a recalibration has begun: {run.why}", told)
 

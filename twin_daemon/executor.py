@@ -44,24 +44,16 @@ class TimeLimit:
     It counts what this process does: work that is sent to another one takes no limit along.
     """
 
-    def __init__(self, seconds: float | None) -> None:
-        self._seconds = seconds
+    def __init__(self, seconds: float | None = None) -> None:
+        self._processor_s = np.inf if seconds is None else seconds * thread_count()
         self._began_s = time.process_time()
-
-    @property
-    def left_s(self) -> float | None:
-        """Seconds of all cores that are left, below 0 where it is over; None for no end."""
-        if self._seconds is None:
-            return None
-        return self._seconds - (time.process_time() - self._began_s) / thread_count()
 
     def over(self, share: float = 1.0) -> bool:
         """Whether this share of it has gone."""
-        left = self.left_s
-        return left is not None and self._seconds is not None and left < (1.0 - share) * self._seconds
+        return time.process_time() - self._began_s > share * self._processor_s
 
-    def __reduce__(self) -> tuple[type[TimeLimit], tuple[None]]:
-        return TimeLimit, (None,)
+    def __reduce__(self) -> tuple[type[TimeLimit], tuple[()]]:
+        return TimeLimit, ()
 
     def checked(self, work: Callable[[Item], Result]) -> Callable[[Item], Result]:
         """The same work, which raises OutOfTime instead of beginning when it is over."""

@@ -28,7 +28,7 @@ def hours(count: float) -> timedelta:
 
 def test_off_means_never(tmp_path: Path) -> None:
     made = schedule(tmp_path, mode="off", interval_hours=1.0, on_drift=True)
-    made.drifted("rh_FFJ3")
+    made.drifted("rh_FFJ3", 1)
     assert made.due(NOON + hours(1000)) is None
     assert "off" in made.in_words(NOON)
 
@@ -64,8 +64,8 @@ def test_hours_of_motion_are_kept(tmp_path: Path) -> None:
 
 def test_drift_waits_for_the_quiet_hours_to_end(tmp_path: Path) -> None:
     made = schedule(tmp_path, on_drift=True, quiet="22:00-06:00")
-    made.drifted("rh_FFJ3")
-    made.drifted("rh_FFJ3")
+    made.drifted("rh_FFJ3", 1)
+    made.drifted("rh_FFJ3", 1)
     assert made.due(NOON + hours(11)) is None
     assert made.due(NOON + hours(17.9)) is None
     assert made.due(NOON + hours(18.1)) == "rh_FFJ3 drifted"
@@ -73,9 +73,9 @@ def test_drift_waits_for_the_quiet_hours_to_end(tmp_path: Path) -> None:
 
 def test_one_run_serves_all_and_the_next_keeps_its_distance(tmp_path: Path) -> None:
     made = schedule(tmp_path, on_drift=True, least_minutes=10.0)
-    made.drifted("rh_FFJ3")
+    made.drifted("rh_FFJ3", 1)
     made.begun(NOON, RUN)
-    made.drifted("rh_MFJ3")
+    made.drifted("rh_MFJ3", 1)
     assert made.due(NOON + timedelta(minutes=9)) is None
     assert made.due(NOON + timedelta(minutes=11)) == "rh_MFJ3 drifted"
 
@@ -91,7 +91,7 @@ def test_a_run_that_a_restart_cut_short_is_known_until_it_has_ended(tmp_path: Pa
 def test_what_could_not_begin_stays_due_and_is_tried_again_later(tmp_path: Path) -> None:
     made = schedule(tmp_path, on_drift=True, motion_hours=1.0, least_minutes=10.0)
     made.begun(NOON - hours(1), RUN)
-    made.drifted("rh_FFJ3")
+    made.drifted("rh_FFJ3", 1)
     made.moved(4000.0)
     made.postponed(NOON)
     assert made.due(NOON + timedelta(minutes=9)) is None

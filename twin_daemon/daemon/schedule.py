@@ -40,7 +40,7 @@ class Schedule:
         self._settings = settings
         self._path = path
         self._cron = CronTrigger.from_crontab(settings.cron, timezone="UTC") if settings.cron else None
-        self._drifting: tuple[str, ...] = ()
+        self._drifting: dict[str, int] = {}
         self.unfinished: Unfinished | None = None
         self.last = now
         self._not_before = now
@@ -60,15 +60,20 @@ class Schedule:
         """The hand has moved for so long."""
         self.motion_s += seconds
 
-    def drifted(self, joint: str) -> None:
-        """A joint drifts."""
-        if self._settings.on_drift and joint not in self._drifting:
-            self._drifting = (*self._drifting, joint)
+    def drifted(self, joint: str, since_ns: int) -> None:
+        """A joint drifts, since a stamp of the hand."""
+        if self._settings.on_drift:
+            self._drifting.setdefault(joint, since_ns)
 
     @property
     def drifting(self) -> tuple[str, ...]:
         """The joints that drifted since the last run."""
-        return self._drifting
+        return tuple(self._drifting)
+
+    @property
+    def drifting_since_ns(self) -> int | None:
+        """The stamp since which the first of them does; None where none does."""
+        return min(self._drifting.values(), default=None)
 
     def due(self, now: datetime) -> str | None:
         """Why a run is due, in words; None while none is."""
@@ -99,7 +104,7 @@ class Schedule:
 
     def begun(self, now: datetime, run: Unfinished) -> None:
         """A run has begun: everything that was due is served by it."""
-        self.last, self.motion_s, self._drifting, self.unfinished = now, 0.0, (), run
+        self.last, self.motion_s, self._drifting, self.unfinished = now, 0.0, {}, run
         self.keep()
 
     def ended(self) -> None:

@@ -11,6 +11,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from twin_daemon.gate.settings import GateSettings
+from twin_daemon.hand import NAMESPACE
 from twin_daemon.recalibration.settings import RecalibrationSettings
 
 LIVE: dict[str, Any] = {"live": True}
@@ -100,7 +101,7 @@ class TwinConfig(BaseModel):
     model: Path | None = Field(default=None, description="an MJCF to use instead of a hand description")
     namespace: str | None = Field(
         default=None,
-        pattern=r"^[A-Za-z0-9_\-]+(/[A-Za-z0-9_\-]+)*$",
+        pattern=NAMESPACE,
         description="first part of the keys on the network; the hand's own without it",
     )
     version: str | None = Field(default=None, description="id of a stored version; the promoted one without it")

@@ -32,6 +32,10 @@ class Hypothesis:
     def name(self) -> str:
         return f"{self.effect.key}:{self.target}"
 
+    def contains(self, other: Hypothesis) -> bool:
+        """Whether the other law, at the same place, is this one at a bound."""
+        return self.target == other.target and other.effect.key in self.effect.contains
+
     def term(self, values: dict[str, float]) -> EffectTerm:
         return EffectTerm(effect=self.effect.key, target=self.target, values=values)
 

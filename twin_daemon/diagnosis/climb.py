@@ -45,7 +45,7 @@ def climb(
     *,
     max_steps: int,
     whole: Sequence[Aligned] = (),
-    seconds: float | None = None,
+    limit: TimeLimit | None = None,
     seed: int = 0,
     say: Say | None = None,
 ) -> Ladder:
@@ -55,9 +55,9 @@ def climb(
     the model's own parameters of its part are refitted under their priors; what these alone would do, without any
     effect, is `parameters_alone`. Where `holdout` was cut out of the same recordings, these are `whole`: in the end
     the values are fitted to all of them, and nothing is left to judge that by. Ctrl-C ends it; the steps done are in
-    the answer. After `seconds` of all its cores nothing is looked at any more; what has been found until then is added.
+    the answer. Once `limit` is over nothing is looked at any more; what has been found until then is added.
     """
-    climber = _Climber(twin, train, holdout, TimeLimit(seconds), seed, say or (lambda _: None))
+    climber = _Climber(twin, train, holdout, limit or TimeLimit(), seed, say or (lambda _: None))
     try:
         climber.begin()
         while climber.ladder.added < max_steps and climber.may_add and climber.climb_on():

@@ -32,15 +32,6 @@ class Accepted:
         assert self.fit.hypothesis is not None
         return self.fit.hypothesis
 
-    def contains(self, other: Accepted) -> bool:
-        """Whether another law is this one at a bound."""
-        return contains(self.hypothesis, other.hypothesis)
-
-
-def contains(richer: Hypothesis | None, simpler: Hypothesis) -> bool:
-    """Whether one law at the same place is another one at a bound."""
-    return richer is not None and simpler.target == richer.target and simpler.effect.key in richer.effect.contains
-
 
 @dataclass
 class Outcome:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from twin_daemon.diagnosis.candidates import hypotheses
-from twin_daemon.diagnosis.conclude import Accepted, Outcome, conclude, contains, forced_nuisances, nothing_moves
+from twin_daemon.diagnosis.conclude import Accepted, Outcome, conclude, forced_nuisances, nothing_moves
 from twin_daemon.diagnosis.exchange import exchanged
 from twin_daemon.diagnosis.fit import Fit, Rough, Start
 from twin_daemon.diagnosis.gate import Gate
@@ -63,7 +63,7 @@ def diagnose(
 
     Ctrl-C and the end of the time limit end the search; what has been found until then is in the answer.
     """
-    limit = limit or TimeLimit(None)
+    limit = limit or TimeLimit()
     say = stream or (lambda _: None)
     moving = [n for i, n in enumerate(twin.joints) if any(r.moving[i] for r in train) and (not joints or n in joints)]
     if not moving:
@@ -202,14 +202,13 @@ def _step(part: PartFit, gate: Gate, say: Stream, outcome: Outcome, limit: TimeL
     within = [rough for rough in roughly if rough.cost < _COMPARABLE * roughly[0].cost + screening.floor_cost]
     # where nuisances reach the floor, costs differ by less than a first fit is good for
     finalists = within[: 2 * _FINALISTS if part.base.chi_square <= QUIET_CHI_SQUARE else _FINALISTS]
-    finalists += [r for r in within if r not in finalists and contains(finalists[0].hypothesis, r.hypothesis)]
+    finalists += [r for r in within if r not in finalists and finalists[0].hypothesis.contains(r.hypothesis)]
     for rough in [r for r in roughly if r not in finalists]:
         gain = 0.5 * (screening.cost - rough.cost)
         behind = 0.5 * (rough.cost - roughly[0].cost)
         reason = f"explains less: {behind:.0f} nats behind {roughly[0].hypothesis.name}"
         outcome.tried.append(Trial(rough.hypothesis.effect.key, rough.hypothesis.target, gain, None, None, reason))
         say(f"  {rough.hypothesis.name}: {gain:.0f} nats, {behind:.0f} behind the best")
-    limit.check()
     fine = concurrently(limit.checked(lambda rough: part.finely(rough, _FINE)), finalists)
     fits = sorted(((part.evidence(fit), fit) for fit in fine), key=lambda item: -item[0])
     for evidence, fit in fits:
@@ -232,7 +231,7 @@ def _step(part: PartFit, gate: Gate, say: Stream, outcome: Outcome, limit: TimeL
         elif best is None:
             best, best_evidence = Accepted(part, fit, judged), evidence
             continue
-        elif simpler is None and judged.adequate and contains(best.hypothesis, hypothesis):
+        elif simpler is None and judged.adequate and best.hypothesis.contains(hypothesis):
             simpler = Accepted(part, fit, judged)
             continue
         elif best_evidence - evidence < _decisive(best.fit) and (judged.adequate or not best.judged.adequate):

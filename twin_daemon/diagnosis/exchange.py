@@ -25,7 +25,7 @@ def exchanged(
     """
     found = list(accepted)
     for index, item in enumerate(found):
-        asked = [rival for rival in item.rivals if not rival.contains(item)]
+        asked = [rival for rival in item.rivals if not rival.hypothesis.contains(item.hypothesis)]
         if not asked:
             continue
         choices = [item, *asked]

@@ -76,10 +76,11 @@ def reduced_problems(
     onsets = [i for i, r in enumerate(recordings) if r.onset_free] if free_onsets else []
     found = parts(twin)
     groups = [(p, [k for k in knobs if set(k.joints) <= set(p.joints)]) for p in found]
-    assigned = sum(len(ks) for _, ks in groups)
-    split = separable and assigned == len(knobs)
+    split = separable and sum(len(own) for _, own in groups) == len(knobs)
+    shares = [_Share(p, own, [j for j in objective if j in p.joints], len(objective)) for p, own in groups]
+    shares = [share for share in shares if share.knobs and share.joints]
     if split and contacts and clear and not any(r.onset_free for r in recordings):
-        out = _clear_problems(twin, recordings, groups, objective, prior_weight)
+        out = _clear_problems(twin, recordings, shares, prior_weight)
         if out:
             return out
     if contacts or not split:
@@ -90,23 +91,30 @@ def reduced_problems(
         turned = [*knobs, *_onset_knobs(onsets, objective[0])]
         return [_sub(twin, recordings, turned, objective, keep, contacts, 1.0, prior_weight)]
     out = []
-    for part, own in groups:
-        joints = [j for j in objective if j in part.joints]
-        if own and joints:
-            needed = {*joints, *(j for k in own for j in k.joints)}
-            keep = _needed(twin, recordings, {*part.joints, *part.trunk}, needed)
-            turned = [*own, *_onset_knobs(onsets, joints[0])]
-            share = len(joints) / len(objective)
-            out.append(_sub(twin, recordings, turned, joints, keep, contacts, share, prior_weight))
+    for share in shares:
+        needed = {*share.joints, *(j for k in share.knobs for j in k.joints)}
+        keep = _needed(twin, recordings, {*share.part.joints, *share.part.trunk}, needed)
+        turned = [*share.knobs, *_onset_knobs(onsets, share.joints[0])]
+        out.append(_sub(twin, recordings, turned, share.joints, keep, contacts, share.weight, prior_weight))
     return out
 
 
+@dataclass(frozen=True)
+class _Share:
+    """What a part has of a problem: its knobs, and its joints of an objective of so many."""
+
+    part: Part
+    knobs: list[Knob]
+    joints: list[str]
+    of: int
+
+    @property
+    def weight(self) -> float:
+        return len(self.joints) / self.of
+
+
 def _clear_problems(
-    twin: TwinModel,
-    recordings: Sequence[Aligned],
-    groups: Sequence[tuple[Part, list[Knob]]],
-    objective: Sequence[str],
-    prior_weight: float,
+    twin: TwinModel, recordings: Sequence[Aligned], shares: Sequence[_Share], prior_weight: float
 ) -> list[SubProblem]:
     """A sub-problem for each part that has enough time in which it touches nothing, over that time.
 
@@ -114,12 +122,11 @@ def _clear_problems(
     """
     reduction = Reduction(twin, recordings, [])
     out = []
-    for part, own in groups:
-        joints = [j for j in objective if j in part.joints]
-        reduced = reduction.of(twin, part, joints) if own and joints else None
+    for share in shares:
+        reduced = reduction.of(twin, share.part, share.joints)
         if reduced is not None:
-            problem = Problem(reduced.twin, reduced.train, own, joints, prior_weight=prior_weight)
-            out.append(SubProblem(problem, len(joints) / len(objective)))
+            problem = Problem(reduced.twin, reduced.train, share.knobs, share.joints, prior_weight=prior_weight)
+            out.append(SubProblem(problem, share.weight))
     return out
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from twin_daemon.comparison.compare import Comparison, compare_recording
+from twin_daemon.comparison.compare import compare_recording
 from twin_daemon.fitting.clear_parts import Reduced, Reduction
 from twin_daemon.fitting.problem import Problem
 from twin_daemon.fitting.reduce import touching
@@ -17,28 +17,34 @@ from twin_daemon.simulation.twin import TwinModel
 _LEAST_S = 0.3  # of a part's motion, to be judged by it
 
 
-def clear_residuals(twins: Sequence[TwinModel], recordings: Sequence[Aligned]) -> list[list[Comparison]]:
-    """For each twin the comparisons with the recordings, measured minus predicted where nothing touches.
+def clear_residuals(twins: Sequence[TwinModel], recordings: Sequence[Aligned]) -> list[list[np.ndarray]]:
+    """For each recording and each twin measured minus predicted where nothing touches, (n, j) rad.
 
     A recording without contacts is one free roll-out. Where parts of the hand touch each other, each is predicted on
     its own from where it stands clear of everything to the next contact, and its samples in between are NaN. Where no
     part is ever clear it is the roll-out of the whole hand.
     """
-    out = [[compare_recording(twin, r) for r in recordings] for twin in twins]
-    for index, recording in enumerate(recordings):
-        if recording.onset_free or not touching(twins[0], recording):
-            continue
+    return [_of(twins, recording) for recording in recordings]
+
+
+def _of(twins: Sequence[TwinModel], recording: Aligned) -> list[np.ndarray]:
+    if not recording.onset_free and touching(twins[0], recording):
         reduction = Reduction(twins[0], [recording], [])
-        for twin, comparisons in zip(twins, out, strict=True):
-            found = np.full_like(comparisons[index].predicted, np.nan)
-            for part in parts(twin):
-                own = [n for n in part.joints if recording.moving[twin.joints.index(n)]]
-                reduced = reduction.of(twin, part, own, least_s=_LEAST_S) if own else None
-                if reduced is not None:
-                    found[:, [twin.joints.index(name) for name in own]] = _predicted(reduced, recording)
-            if np.isfinite(found).any():
-                comparisons[index].predicted[:] = found
-    return out
+        apart = [recording.measured - _predicted_apart(reduction, twin, recording) for twin in twins]
+        if np.isfinite(apart[0]).any():
+            return apart
+    return [compare_recording(twin, recording).residual for twin in twins]
+
+
+def _predicted_apart(reduction: Reduction, twin: TwinModel, recording: Aligned) -> np.ndarray:
+    """(n, j) rad: each moving part on its own, NaN where it touches something."""
+    found = np.full(recording.measured.shape, np.nan)
+    for part in parts(twin):
+        own = [n for n in part.joints if recording.moving[twin.joints.index(n)]]
+        reduced = reduction.of(twin, part, own, least_s=_LEAST_S) if own else None
+        if reduced is not None:
+            found[:, [twin.joints.index(name) for name in own]] = _predicted(reduced, recording)
+    return found
 
 
 def _predicted(reduced: Reduced, recording: Aligned) -> np.ndarray:

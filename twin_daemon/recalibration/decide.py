@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin_daemon.comparison.noise import noise_variance
 from twin_daemon.diagnosis.whitened import block_gain
 from twin_daemon.fitting.calibrate import FittedParameter
 from twin_daemon.recalibration.clear_errors import clear_residuals
@@ -82,12 +83,10 @@ def _squared(
     before: TwinModel, after: TwinModel, held: Sequence[Aligned]
 ) -> tuple[np.ndarray, np.ndarray, list[str], np.ndarray]:
     """Squared errors (n, k) rad^2 of both twins over the joints that move, their names and noise variances (k,)."""
-    pairs = list(zip(*clear_residuals((before, after), held), strict=True))
-    first = pairs[0][0]
+    residuals = clear_residuals((before, after), held)
     moving = np.any([r.moving for r in held], axis=0)
-    names = [name for name, moves in zip(first.aligned.joints, moving, strict=True) if moves]
-    rows = [(a.residual[:, moving] ** 2, b.residual[:, moving] ** 2) for a, b in pairs]
-    old, new = (np.concatenate([pair[which] for pair in rows]) for which in range(2))
+    names = [name for name, moves in zip(held[0].joints, moving, strict=True) if moves]
+    old, new = (np.concatenate([each[which][:, moving] ** 2 for each in residuals]) for which in range(2))
     seen = np.isfinite(old).any(axis=1)
-    noise = np.array([first.joints[name].noise_rad2 if name in first.joints else 0.0 for name in names])
-    return old[seen], new[seen], names, noise
+    noise = [noise_variance(column) if np.isfinite(column).any() else 0.0 for column in held[0].measured.T]
+    return old[seen], new[seen], names, np.array(noise)[moving]

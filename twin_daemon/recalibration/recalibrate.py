@@ -81,7 +81,7 @@ def recalibrate(
     if fitted.interrupted or (enough and decision.better):
         return Recalibration(after, decision, fitted.parameters, fitted, None, ())
     say("parameters alone do not explain the change: looking for an effect that has appeared")
-    ladder = climb(twin, train, held, max_steps=_MOST_EFFECTS, seconds=limit.left_s, seed=seed, say=say)
+    ladder = climb(twin, train, held, max_steps=_MOST_EFFECTS, limit=limit, seed=seed, say=say)
     if ladder.added:
         other = decide(twin, ladder.twin, held, ladder.parameters, {}, seed)
         if other.after_rad2 < _CLEARLY * decision.after_rad2:
