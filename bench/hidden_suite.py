@@ -15,6 +15,7 @@ import random
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -32,20 +33,25 @@ def main() -> None:
     parser.add_argument("--longest", type=float, default=1200.0, help="seconds that one diagnosis may take")
     arguments = parser.parse_args()
     chosen = [case for case in cases() if arguments.only in case.name]
-    arguments.folder.mkdir(parents=True, exist_ok=True)
-    with ThreadPoolExecutor(arguments.workers) as pool:
-        # in a mixed order, so that what an interrupted run has done is a fair sample
-        mixed = random.Random(0).sample(chosen, len(chosen))
-        try:
-            for line in pool.map(lambda case: _one(case, arguments.folder, arguments.longest), mixed):
-                print(line, flush=True)
-        except KeyboardInterrupt:
-            pool.shutdown(cancel_futures=True)
+    run(chosen, arguments.folder, arguments.workers, arguments.longest)
     done = [case for case in chosen if (arguments.folder / f"{case.name}.json").exists()]
     text = page(done, arguments.folder, len(cases()))
     print(text)
     if arguments.page:
         arguments.page.write_text(text)
+
+
+def run(chosen: Sequence[Case], folder: Path, workers: int, longest_s: float) -> None:
+    """Makes and diagnoses the cases that are not done yet, `workers` at once on one core each; a line for each."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with ThreadPoolExecutor(workers) as pool:
+        # in a mixed order, so that what an interrupted run has done is a fair sample
+        mixed = random.Random(0).sample(chosen, len(chosen))
+        try:
+            for line in pool.map(lambda case: _one(case, folder, longest_s), mixed):
+                print(line, flush=True)
+        except KeyboardInterrupt:
+            pool.shutdown(cancel_futures=True)
 
 
 def _one(case: Case, folder: Path, longest_s: float) -> str:

@@ -7,7 +7,8 @@ diagnosis runs in a process of its own, which is told nothing but where the reco
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 from twin_daemon.effects import LIBRARY
 from twin_daemon.plant import FOREIGN, Hidden
@@ -27,6 +28,8 @@ class Case:
     joints: tuple[str, ...] = FINGER
     seconds: float = 16.0
     motion: str = "rich"
+    noise: float = 1.0
+    """Times the noise and the resolution of the hand's sensors."""
 
 
 def _place(key: str) -> str:
@@ -72,6 +75,33 @@ def cases() -> list[Case]:
             "actuator_lag:FFJ3=mild", "command_delay:FFJ3=mild", "sensor_gain:FFJ3=severe")  # fmt: skip
     out += [Case(f"poor-{h.partition(':')[0]}", (h,), "poor", 500 + i, motion="slow") for i, h in enumerate(poor)]
     return out
+
+
+_CONDITIONS: dict[str, dict[str, Any]] = {
+    "as in the suite": {},
+    "another plant": {},
+    "noise and resolution times 3": {"noise": 3.0},
+    "half the time": {"seconds": 8.0},
+}
+_UNDER_CONDITIONS = (
+    "",
+    "backlash:FFJ3=severe",
+    "viscous_friction:FFJ3=severe",
+    "sensor_gain:FFJ3=severe",
+    "x_creep:FFJ3=severe",
+)
+
+
+def conditions() -> dict[str, list[Case]]:
+    """The same hidden effects under each condition: another plant and motion, worse sensors, less time."""
+    found: dict[str, list[Case]] = {}
+    for number, (condition, how) in enumerate(_CONDITIONS.items()):
+        for hidden in _UNDER_CONDITIONS:
+            kind = "none" if not hidden else "foreign" if hidden.startswith("x_") else "single"
+            name = f"under-{number}-{hidden.partition(':')[0] or 'none'}"
+            case = Case(name, (hidden,) if hidden else (), kind, 600 + number)
+            found.setdefault(condition, []).append(replace(case, **how))
+    return found
 
 
 PLANTED: dict[str, tuple[str, Callable[[float], float]]] = {

@@ -30,7 +30,7 @@ _GOALS = {
 
 def page(chosen: Sequence[Case], folder: Path, of: int | None = None) -> str:
     """The whole page as Markdown. Cases without a diagnosis count as failed; `of` is how many cases there are."""
-    rows = [_row(case, folder) for case in chosen]
+    rows = [outcome(case, folder) for case in chosen]
     sample = [] if of in (None, len(rows)) else ["", f"{len(rows)} of {of} cases were run, a random sample."]
     out = [*_INTRODUCTION, *sample, "", "| what | goal | reached | of |", "|---|---|---|---|"]
     for name, goal in _GOALS.items():
@@ -41,7 +41,7 @@ def page(chosen: Sequence[Case], folder: Path, of: int | None = None) -> str:
             out.append(_share(name, f"{goal:.0%}", good, len(mine)))
     wrong = [row for row in rows if row["verdict"] == "explained" and row["wrong_name"]]
     out.append(_share("all: `explained` with a wrong name", "at most 2 %", len(wrong), len(rows)))
-    covered = [row["covered"] for row in rows if row["covered"] is not None]
+    covered = [inside for row in rows for inside in row["covered"]]
     if covered:
         out.append(_share("planted value inside its 95 % interval", "90 to 98 %", sum(covered), len(covered)))
     seconds = sorted(row["wall_s"] for row in rows)
@@ -72,7 +72,8 @@ def _share(what: str, goal: str, count: int, total: int) -> str:
     return f"| {what} | {goal} | {count / total:.0%} | {count} of {total} |"
 
 
-def _row(case: Case, folder: Path) -> dict[str, Any]:
+def outcome(case: Case, folder: Path) -> dict[str, Any]:
+    """What was hidden in a case, what was said of it, and whether that is right."""
     answers = [Hidden(a["key"], a["joint"], a["value"]) for a in _read(folder / "answers" / f"{case.name}.json", [])]
     said = _read(folder / f"{case.name}.json", {"verdict": "failed", "findings": [], "wall_s": 0.0})
     findings, verdict = said["findings"], said["verdict"]
@@ -113,15 +114,15 @@ def _same(finding: dict[str, Any], hidden: Hidden) -> bool:
     return finding["effect"] == hidden.key and (hidden.joint is None or hidden.joint in finding["joints"])
 
 
-def _coverage(answers: Sequence[Hidden], hits: Sequence[dict[str, Any] | None]) -> tuple[bool | None, str]:
-    covered: bool | None = None
-    words = []
+def _coverage(answers: Sequence[Hidden], hits: Sequence[dict[str, Any] | None]) -> tuple[list[bool], str]:
+    """(whether each planted value that was found is inside its interval, the values in words)."""
+    covered, words = [], []
     for hidden, hit in zip(answers, hits, strict=True):
         expected = planted(hidden)
         if hit is not None and expected is not None and expected[0] in hit["parameters"]:
             found = hit["parameters"][expected[0]]
             low, high = found["ci95"]
-            covered = bool(low <= expected[1] <= high) and covered is not False
+            covered.append(bool(low <= expected[1] <= high))
             words.append(f"{expected[0]} {expected[1]:.3g}: {found['value']:.3g} ({low:.3g} to {high:.3g})")
     return covered, "; ".join(words)
 

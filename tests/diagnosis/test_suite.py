@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from bench.suite_cases import Case, cases, planted
+from bench.conditions import table
+from bench.suite_cases import Case, cases, conditions, planted
 from bench.suite_page import page
 from bench.suite_plant import main as make_recording
 from tests.diagnosis.conftest import called
@@ -71,3 +73,28 @@ def test_every_planted_value_is_one_that_the_library_can_say(case: Case) -> None
     found = planted(type(hidden)(hidden.key, hidden.joint, 1.0))
     assert found is not None
     assert found[0] in {parameter.name for parameter in LIBRARY[hidden.key].parameters}
+
+
+def test_conditions_ask_the_same_of_other_plants_sensors_and_lengths() -> None:
+    under = conditions()
+    asked = [tuple(case.hidden for case in cases) for cases in under.values()]
+    names = [case.name for group in under.values() for case in group]
+    assert len(set(asked)) == 1
+    assert len(set(names) | {case.name for case in cases()}) == len(names) + len(cases())
+
+
+@pytest.mark.parametrize(
+    ("verdict", "effect", "cell"),
+    [
+        ("explained", "backlash", "explained, backlash:rh_FFJ3"),
+        ("explained", "spring", "explained, spring:rh_FFJ3 ✗"),
+        ("not_excited", None, "not_excited ✗"),
+    ],
+)
+def test_a_wrong_answer_is_marked(verdict: str, effect: str | None, cell: str, tmp_path: Path) -> None:
+    case = Case("one", ("backlash:FFJ3=severe",), "single", 1)
+    findings = [{"effect": effect, "joints": ["rh_FFJ3"], "parameters": {}}] if effect else []
+    (tmp_path / "answers").mkdir()
+    (tmp_path / "answers" / "one.json").write_text('[{"key": "backlash", "joint": "rh_FFJ3", "value": 0.1}]')
+    (tmp_path / "one.json").write_text(json.dumps({"verdict": verdict, "findings": findings, "wall_s": 1.0}))
+    assert table({"here": [case]}, tmp_path)[-1] == f"| backlash:FFJ3=severe | {cell} |"
