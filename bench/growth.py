@@ -53,7 +53,7 @@ def growth(quick: bool, seed: int) -> Sequence[Row]:
         aligned = align(twin, whole.window(0.0, length_s))
         keep = tuple(n for n in twin.joints if n.removeprefix("rh_").startswith(tuple(fingers)))
         small = submodel(twin, keep, aligned.start_position)
-        return small, restricted(aligned, small.joints)
+        return small, restricted(aligned, small)
 
     def batch(fingers: Sequence[str], candidates: int, recordings: int, length_s: float) -> Work:
         small, aligned = part(fingers, length_s)

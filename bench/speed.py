@@ -81,7 +81,7 @@ def _finger(twin: TwinModel, aligned: Aligned) -> tuple[Work, Work]:
     joints = tuple(n for n in twin.joints if n.startswith("rh_FF"))
     small = submodel(twin, joints, aligned.start_position)
     problems = []
-    for model, recording in ((small, restricted(aligned, small.joints)), (twin, aligned)):
+    for model, recording in ((small, restricted(aligned, small)), (twin, aligned)):
         problems.append(Problem(model, [recording], knobs_of(load_space("wear"), model, joints), joints))
     works = [_residuals(problem, _CANDIDATES) for problem in problems]
     return works[0], works[1]

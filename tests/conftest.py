@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import twin_daemon  # noqa: F401 before numpy: it says with how many threads
+
+# isort: split
 import asyncio.tasks
 import os
 import random

@@ -50,7 +50,7 @@ class Reduction:
         keep = {*joints, *(set(self.moving) & set(part.trunk))}
         small = submodel(twin, with_coupled(twin, keep), self._train[0].start_position)
         pieces = [
-            segments(restricted(r, small.joints), joints, masks.get(part.name))
+            segments(restricted(r, small), joints, masks.get(part.name))
             for r, masks in zip((*self._train, *self._holdout), self._touching, strict=True)
         ]
         count = len(self._train)
@@ -61,12 +61,15 @@ class Reduction:
         return Reduced(part.name, tuple(joints), small, tuple(train), tuple(holdout)) if clear else None
 
 
-def restricted(aligned: Aligned, joints: tuple[str, ...]) -> Aligned:
-    """The same recording with only some joints."""
-    columns = [aligned.joints.index(name) for name in joints]
+def restricted(aligned: Aligned, small: TwinModel) -> Aligned:
+    """The same recording with only the joints that a part has, and the commands that reach it."""
+    columns = [aligned.joints.index(name) for name in small.joints]
+    mapping, _ = small.command_map(aligned.signal.names)
+    reaching = np.flatnonzero(mapping.any(axis=0))
     return replace(
         aligned,
-        joints=joints,
+        joints=small.joints,
+        signal=aligned.signal.only(reaching) if reaching.size else aligned.signal,
         measured=aligned.measured[:, columns],
         unhidden=None if aligned.unhidden is None else aligned.unhidden[:, columns],
         start_position=aligned.start_position[columns],

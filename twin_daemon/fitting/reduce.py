@@ -155,7 +155,7 @@ def _sub(
     if contacts:
         return SubProblem(Problem(twin, recordings, knobs, objective, prior_weight=prior_weight), weight)
     small = submodel(twin, keep, recordings[0].start_position)
-    cut = [restricted(r, small.joints) for r in recordings]
+    cut = [restricted(r, small) for r in recordings]
     return SubProblem(Problem(small, cut, knobs, objective, prior_weight=prior_weight), weight)
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -62,12 +63,22 @@ class CommandSignal:
         time_s = np.asarray(time_s, float)
         if self.interpolation != "hold":
             return self.sample(time_s)
-        held = np.nan_to_num(self.position)
-        area = np.zeros_like(held)
-        area[1:] = np.cumsum(held[:-1] * np.diff(self.time_s)[:, None], axis=0)
+        held, area = self._integral
         ends = []
         for at in (time_s + 0.5 * width_s, time_s - 0.5 * width_s):
             index = np.clip(np.searchsorted(self.time_s, at, side="right") - 1, 0, len(self.time_s) - 1)
             ends.append(area[index] + held[index] * (at - self.time_s[index])[:, None])
         known = np.isfinite(self.sample(time_s - 0.5 * width_s))
         return np.where(known, (ends[0] - ends[1]) / width_s, np.nan)
+
+    @cached_property
+    def _integral(self) -> tuple[np.ndarray, np.ndarray]:
+        """((m, k) rad, (m, k) rad s): the held targets, 0 where there is none yet, and their integral."""
+        held = np.nan_to_num(self.position)
+        area = np.zeros_like(held)
+        area[1:] = np.cumsum(held[:-1] * np.diff(self.time_s)[:, None], axis=0)
+        return held, area
+
+    def only(self, columns: np.ndarray) -> CommandSignal:
+        """The same signal with some of its targets."""
+        return replace(self, names=tuple(self.names[i] for i in columns), position=self.position[:, columns])

@@ -15,7 +15,9 @@ from twin_daemon.executor import thread_count
 
 # A chunk of simulations keeps its controls and positions in memory at once; this bounds both.
 _CHUNK_BYTES = 256 * 2**20
+# as components of the state: recording a field by its name costs a simulation's data more
 _TIME = mujoco.mjtState.mjSTATE_TIME.value
+_QPOS = mujoco.mjtState.mjSTATE_QPOS.value
 
 
 def roll_out(
@@ -60,10 +62,10 @@ def roll_out(
                                                 loaded=loaded)  # fmt: skip
         runner.warning[:] = 0
         rows = controls[start : start + len(chosen)] if len(controls) > 1 else controls
-        recorded = runner.rollout(steps, rows, record=("qpos", _TIME), ids=ids)
+        recorded = runner.rollout(steps, rows, record=(_QPOS, _TIME), ids=ids)
         for slot, i in enumerate(chosen):
             out[i, 0] = qpos[_row(i, qpos)]
-            out[i, 1:] = recorded["qpos"][slot]
+            out[i, 1:] = recorded[_QPOS][slot]
             if runner.warning[slot].any():
                 _blank_after_stop(out[i], recorded[_TIME][slot, :, 0], first.opt.timestep)
     return out
