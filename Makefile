@@ -30,7 +30,7 @@ bench:  ## side by side with peers, into docs/bench.md and docs/bench.json (minu
 	@$(BIN)/python -m bench $(if $(QUICK),--quick)
 
 suite: setup  ## the hidden suite: its rates and its confusion matrix, into docs/hidden-suite.md (an hour)
-	@$(BIN)/python -m bench.hidden_suite --folder build/suite --page docs/hidden-suite.md --workers $(WORKERS)
+	@$(BIN)/python -m bench.hidden_suite --folder build/suite --page docs/hidden-suite.md
 
 fuzz: setup  ## 100 000 hostile inputs through readers, decoders, configuration and requests (ten to twenty minutes)
 	@$(BIN)/python -m bench.fuzz

@@ -30,12 +30,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--folder", type=Path, required=True, help="recordings, answers and diagnoses")
     parser.add_argument("--page", type=Path, help="Markdown page with both tables")
-    parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--longest", type=float, default=1200.0, help="seconds that one diagnosis may take")
+    parser.add_argument("--cluster", help="tcp://HOST:PORT of a scheduler, instead of this machine's cores")
     arguments = parser.parse_args()
     under = conditions()
     about = provenance("python -m bench.conditions")
-    run([case for cases in under.values() for case in cases], arguments.folder, arguments.workers, arguments.longest)
+    everything = [case for cases in under.values() for case in cases]
+    run(everything, arguments.folder, arguments.longest, arguments.cluster)
     timed = next(case for case in next(iter(under.values())) if case.kind == "single")
     lines = [_INTRODUCTION, *table(under, arguments.folder), "", "## Time by candidate", ""]
     lines += [
