@@ -65,18 +65,27 @@ class PartFit:
     # -- nuisances -----------------------------------------------------------------------------------------
 
     def _fit_nuisances(self, after: Fit | None) -> Fit:
+        """From where they were beside the last effect; where that ends badly, from nominal values as well."""
         problem = self.problem
-        point = problem.start_from(after.nuisances if after else {})
-        slopes = self._taken_over(after) if after else None
+        if after is None:
+            return as_fit(None, problem, self._settled(problem.start, None))
+        found = self._settled(problem.start_from(after.nuisances), self._taken_over(after))
+        if not self._is_quiet(found.point, found.rows):
+            again = self._settled(problem.start, None)
+            found = min(found, again, key=lambda one: float(one.rows @ one.rows))
+        return as_fit(None, problem, found)
+
+    def _settled(self, point: np.ndarray, slopes: np.ndarray | None) -> Descent:
+        """The nuisances alone descended from a point (p,), until another round gains little."""
         before = np.inf
         for known in (slopes, None, None, None):
-            derivative = Derivative(problem, (), known)
-            found = descend(problem, point, derivative, evaluations=_NUISANCE_EVALUATIONS, enough=self._is_quiet)
+            derivative = Derivative(self.problem, (), known)
+            found = descend(self.problem, point, derivative, evaluations=_NUISANCE_EVALUATIONS, enough=self._is_quiet)
             point, cost = found.point, float(found.rows @ found.rows)
             if self._is_quiet(point, found.rows) or cost > _SETTLED * before:
                 break
             before = cost
-        return as_fit(None, problem, found)
+        return found
 
     def _taken_over(self, fit: Fit) -> np.ndarray | None:
         """A fit's derivative by the nuisances; None where it did not have them all."""
