@@ -161,13 +161,17 @@ def _by_parameters(reduced: Reduced, gate: Gate, seed: int) -> bool:
 def _is_refinement(first: PartFit, part: PartFit, fit: Fit, outcome: Outcome) -> bool:
     """Whether a further effect only bends the law of one that has been found at the same place.
 
-    A second cause takes a part of the first error away, or most of what the first has left. Where the first is right
-    already but for a nuisance that is somewhat far off, only an effect at another place is a second cause.
+    A second cause takes a part of the first error away, or most of what the first has left, or brings a nuisance back
+    that has to be further off than any plausible hand without it. Where the first is right already but for a nuisance
+    that is somewhat far off, only an effect at another place is a second cause.
     """
     joints = _judged_joints(part, fit)
     if not any(joints & _judged_joints(earlier.part, earlier.fit) for earlier in outcome.accepted):
         return False
-    if outcome.left <= 1.0 and not forced_nuisances(outcome):
+    forced = [name for name, _ in forced_nuisances(outcome)]
+    if any(abs(fit.strains.get(name, 0.0)) < STRAINED_SIGMA for name in forced):
+        return False
+    if outcome.left <= 1.0 and not forced:
         return True
     gained = part.base.cost - fit.cost
     return gained < REFINEMENT * first.base.cost and gained < MOST_OF_IT * part.base.cost

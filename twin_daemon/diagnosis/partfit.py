@@ -183,11 +183,16 @@ class PartFit:
         return as_fit(rough.hypothesis, problem, found)
 
     def finely_together(self, fits: Sequence[Fit], evaluations: int, asked: Fit) -> list[Fit]:
-        """Several effects fitted at once, as finely as one is: from where the nuisances are beside one of them."""
+        """Several effects fitted at once, as finely as one is, with the nuisances from where they are beside one of
+        them and from nominal values: the better counts."""
         pairs = [(fit.hypothesis, fit.values) for fit in fits if fit.hypothesis is not None]
         assert asked.hypothesis is not None
         problem = self.problem_with(*pairs)
-        problem, found = self._finely(asked.hypothesis, problem, problem.start_from(asked.nuisances), evaluations)
+        ends = [
+            self._finely(asked.hypothesis, problem, problem.start_from(known), evaluations)
+            for known in (asked.nuisances, {})
+        ]
+        problem, found = min(ends, key=lambda end: float(end[1].rows @ end[1].rows))
         return [as_fit(hypothesis, problem, found) for hypothesis, _ in pairs]
 
     def _finely(
