@@ -69,7 +69,7 @@ def page(chosen: Sequence[Case], folder: Path, of: int | None = None) -> str:
 
 
 def _share(what: str, goal: str, count: int, total: int) -> str:
-    return f"| {what} | {goal} | {count / total:.0%} | {count} of {total} |"
+    return f"| {what} | {goal} | {100.0 * count / total:.3g}% | {count} of {total} |"
 
 
 def outcome(case: Case, folder: Path) -> dict[str, Any]:
