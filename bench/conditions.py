@@ -12,7 +12,7 @@ from pathlib import Path
 
 from bench.by_candidate import seconds_by_candidate
 from bench.hidden_suite import run
-from bench.machine import provenance
+from bench.machine import in_words, provenance
 from bench.suite_cases import Case, conditions
 from bench.suite_page import outcome
 
@@ -48,8 +48,7 @@ def main() -> None:
     ]
     for key, steps in seconds_by_candidate(arguments.folder / f"{timed.name}-fit.mcap").items():
         lines.append(f"| {key} | " + " | ".join("-" if s is None else f"{s:.2f}" for s in steps) + " |")
-    versions = ", ".join(f"{name} {number}" for name, number in about["versions"].items())
-    lines += ["", f"`{about['command']}`; {about['date']}, commit {about['commit']}; {about['machine']}; {versions}."]
+    lines += ["", in_words(about)]
     text = "\n".join(lines) + "\n"
     print(text)
     if arguments.page:

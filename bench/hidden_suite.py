@@ -20,6 +20,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
+from bench.machine import in_words, provenance
 from bench.suite_cases import Case, cases
 from bench.suite_page import page
 from twin_daemon.executor import concurrently, on_cluster
@@ -37,9 +38,10 @@ def main() -> None:
     parser.add_argument("--cluster", help="tcp://HOST:PORT of a scheduler, instead of this machine's cores")
     arguments = parser.parse_args()
     chosen = [case for case in cases() if arguments.only in case.name]
+    about = provenance("make suite")
     run(chosen, arguments.folder, arguments.longest, arguments.cluster)
     done = [case for case in chosen if (arguments.folder / f"{case.name}.json").exists()]
-    text = page(done, arguments.folder, len(cases()))
+    text = page(done, arguments.folder, len(cases())) + f"\n{in_words(about)}\n"
     print(text)
     if arguments.page:
         arguments.page.write_text(text)

@@ -6,6 +6,7 @@ import contextlib
 import os
 import platform
 import subprocess
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -44,6 +45,14 @@ def provenance(command: str) -> dict[str, Any]:
         "commit": commit(),
         "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
     }
+
+
+def in_words(about: Mapping[str, Any]) -> str:
+    """The same on one line, for a page; with the time that it took where that is known."""
+    versions = ", ".join(f"{name} {number}" for name, number in about["versions"].items())
+    took = f", {about['wall_s']:.0f} s" if "wall_s" in about else ""
+    commit = about["commit"] or "unknown"
+    return f"`{about['command']}`{took}; {about['date']}, commit {commit}; {about['machine']}; {versions}."
 
 
 def commit() -> str | None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from bench.machine import in_words
+
 _LONG = {
     "python -m bench.dissertation": "the tables of a dissertation rebuilt ([page](dissertation.md)); half an hour",
     "make suite": "the diagnosis of 80 hidden cases, its confusion matrix and the coverage of its intervals "
@@ -17,7 +19,9 @@ _LONG = {
     "python -m bench.gate_streams": "what the gate lets through, against what it should",
     "python -m bench.gate_kills": "processes killed while a motion runs through the gate",
     "python -m bench.store_kill": "writers of the store of versions killed",
-    "python -m bench.poor_motion": "what a diagnosis says where the motion shows little",
+    "python -m bench.conditions": "the diagnosis with another plant, worse sensors, less time; the time of each "
+    "candidate ([page](conditions.md)); a quarter of an hour",
+    "python -m bench.poor_motion": "what a diagnosis says where the motion shows little ([page](poor-motion.md))",
     "python -m bench.wear": "recalibration of a hand that wears",
     "python -m bench.workbench": "how fast the workbench answers",
     "make fuzz": "100 000 hostile inputs",
@@ -58,12 +62,7 @@ def _section(result: Mapping[str, Any]) -> str:
         out += [""] if any(row["note"] for row in result["rows"]) else []
     if result["reading"]:
         out += [result["reading"], ""]
-    packages = ", ".join(f"{name} {version}" for name, version in result["versions"].items())
-    out += [
-        f"`{result['command']}`, {result['wall_s']:.0f} s; {result['date']}, commit {result['commit'] or 'unknown'}; "
-        f"{result['machine']}; {packages}.",
-        "",
-    ]
+    out += [in_words(result), ""]
     return "\n".join(out)
 
 

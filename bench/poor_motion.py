@@ -17,14 +17,17 @@ import time
 from pathlib import Path
 from typing import Any
 
+from bench.machine import in_words, provenance
 from twin_daemon.resources import twin_command
 
 _HIDDEN = (
     "backlash:rh_FFJ3=0.05",
     "viscous_friction:rh_MFJ3",
+    "viscous_friction:rh_MFJ3=severe",
     "coulomb_friction:rh_FFJ3",
     "command_delay:rh_FFJ3",
     "tendon_elasticity:rh_RFJ3",
+    "tendon_elasticity:rh_RFJ3=severe",
     "spring:rh_FFJ3",
     "sensor_gain:rh_FFJ3",
     "",
@@ -32,7 +35,8 @@ _HIDDEN = (
 _PAGE = """# One slow closing
 
 Made by `python -m bench.poor_motion`: the stand-in hand, its parameters up to 20 % off, closes slowly once. Where the
-diagnosis proposes an experiment, the same hand carries it out and both recordings are diagnosed together.
+diagnosis proposes an experiment, the same hand carries it out and both recordings are diagnosed together. Effects
+without a value are mild: some of these hide in parameters that are 20 % off, and then no motion shows them.
 
 | hidden | one slow closing | named | proposed | with the experiment | named | s |
 |---|---|---|---|---|---|---|
@@ -60,6 +64,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--page", type=Path, help="Markdown page with the table")
     arguments = parser.parse_args()
+    about = provenance("python -m bench.poor_motion")
     rows = []
     for hidden in _HIDDEN:
         began_s = time.monotonic()
@@ -78,7 +83,7 @@ def main() -> None:
             rows.append("| " + " | ".join([*cells, f"{time.monotonic() - began_s:.0f}"]) + " |")
             print(rows[-1], flush=True)
     if arguments.page:
-        arguments.page.write_text(_PAGE + "\n".join(rows) + "\n", encoding="utf-8")
+        arguments.page.write_text(_PAGE + "\n".join([*rows, "", in_words(about)]) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
