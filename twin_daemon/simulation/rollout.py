@@ -18,6 +18,9 @@ _CHUNK_BYTES = 256 * 2**20
 # as components of the state: recording a field by its name costs a simulation's data more
 _TIME = mujoco.mjtState.mjSTATE_TIME.value
 _QPOS = mujoco.mjtState.mjSTATE_QPOS.value
+_QVEL = mujoco.mjtState.mjSTATE_QVEL.value
+_CTRL = mujoco.mjtState.mjSTATE_CTRL.value
+_WHOLE = mujoco.mjtState.mjSTATE_INTEGRATION.value
 
 
 def roll_out(
@@ -49,6 +52,9 @@ def roll_out(
     chunk = max(1, min(count, _CHUNK_BYTES // max(bytes_each, 1)))
     out = np.empty((count, steps + 1, first.nq))
     runner = batch.Batch(first, chunk, threads or thread_count())
+    # without anything that remembers a state is its position, velocity and control: an MjData costs more than they do
+    plain = not remembers(first) and not (loaded and _bristles(first))
+    fresh, places = runner.state[0].copy(), [_place(first, component) for component in (_QPOS, _QVEL, _CTRL)]
     for start in range(0, count, chunk):
         chosen = range(start, min(start + chunk, count))
         ids = np.arange(len(chosen), dtype=np.int32)
@@ -56,10 +62,15 @@ def roll_out(
         if len(models) > 1:
             runner.set_models([*picked, *[first] * (chunk - len(picked))])
         for slot, i in enumerate(chosen):
-            runner.state[slot] = _initial_state(picked[slot], controls[_row(i, controls)][0], qpos[_row(i, qpos)],
-                                                None if qvel is None else qvel[_row(i, qvel)],
-                                                None if before is None else before[_row(i, before)],
-                                                loaded=loaded)  # fmt: skip
+            control, position = controls[_row(i, controls)][0], qpos[_row(i, qpos)]
+            velocity = np.zeros(first.nv) if qvel is None else qvel[_row(i, qvel)]
+            if plain:
+                runner.state[slot] = fresh
+                for place, values in zip(places, (position, velocity, control), strict=True):
+                    runner.state[slot, place] = values
+            else:
+                told = None if before is None else before[_row(i, before)]
+                runner.state[slot] = _initial_state(picked[slot], control, position, velocity, told, loaded=loaded)
         runner.warning[:] = 0
         rows = controls[start : start + len(chosen)] if len(controls) > 1 else controls
         recorded = runner.rollout(steps, rows, record=(_QPOS, _TIME), ids=ids)
@@ -79,25 +90,29 @@ def _initial_state(
     model: mujoco.MjModel,
     control: np.ndarray,
     qpos: np.ndarray,
-    qvel: np.ndarray | None,
+    qvel: np.ndarray,
     before: np.ndarray | None,
     *,
     loaded: bool,
 ) -> np.ndarray:
     data = mujoco.MjData(model)
     data.qpos[:] = qpos
-    if qvel is not None:
-        data.qvel[:] = qvel
+    data.qvel[:] = qvel
     data.ctrl[:] = control
     settle_actuators(model, data, control)
     if before is not None:
         recall_commands(model, data, before)
     if loaded:
         settle_bristles(model, data)
-    signature = mujoco.mjtState.mjSTATE_INTEGRATION.value
-    state = np.empty(mujoco.mj_stateSize(model, signature))
-    mujoco.mj_getState(model, data, state, signature)
+    state = np.empty(mujoco.mj_stateSize(model, _WHOLE))
+    mujoco.mj_getState(model, data, state, _WHOLE)
     return state
+
+
+def _place(model: mujoco.MjModel, component: int) -> slice:
+    """Where one component is in a state: components follow each other in the order of their bits."""
+    begin = mujoco.mj_stateSize(model, _WHOLE & (component - 1))
+    return slice(begin, begin + mujoco.mj_stateSize(model, component))
 
 
 def settle_actuators(model: mujoco.MjModel, data: mujoco.MjData, control: np.ndarray) -> None:
@@ -154,7 +169,7 @@ def settle_bristles(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
     Where it moves they are bent as far as they go. Without this every roll-out would begin with a creep.
     """
-    bristles = [a for a in range(len(model.actuator_dyntype)) if _has_bristle(model, a)]
+    bristles = _bristles(model)
     if not bristles:
         return
     mujoco.mj_forward(model, data)
@@ -167,6 +182,11 @@ def settle_bristles(model: mujoco.MjModel, data: mujoco.MjData) -> None:
             np.sign(data.qvel[dof]) * model.actuator_biasprm[actuator, 3] if moving else np.clip(net[dof], -most, most)
         )
         data.act[model.actuator_actadr[actuator]] = load / stiffness
+
+
+def _bristles(model: mujoco.MjModel) -> list[int]:
+    """The actuators that are dry friction with bristles."""
+    return [actuator for actuator in range(len(model.actuator_dyntype)) if _has_bristle(model, actuator)]
 
 
 def _has_bristle(model: mujoco.MjModel, actuator: int) -> bool:
