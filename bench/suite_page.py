@@ -39,6 +39,9 @@ def page(chosen: Sequence[Case], folder: Path, of: int | None = None) -> str:
         if mine:
             good = sum(row["right"] for row in mine)
             out.append(_share(name, f"{goal:.0%}", good, len(mine)))
+            if kind == "pair":
+                beside = sum(row["beside"] for row in mine)
+                out.append(_share("pair: both named, or what a name cannot be told from", "-", beside, len(mine)))
     wrong = [row for row in rows if row["verdict"] == "explained" and row["wrong_name"]]
     out.append(_share("all: `explained` with a wrong name", "at most 2 %", len(wrong), len(rows)))
     covered = [inside for row in rows for inside in row["covered"]]
@@ -79,6 +82,7 @@ def outcome(case: Case, folder: Path) -> dict[str, Any]:
     findings, verdict = said["findings"], said["verdict"]
     hits = [next((f for f in findings if _same(f, hidden)), None) for hidden in answers]
     first = findings[0] if findings else None
+    beside = False
     if case.kind == "none":
         right = verdict == "within_noise"
     elif case.kind == "foreign":
@@ -87,6 +91,8 @@ def outcome(case: Case, folder: Path) -> dict[str, Any]:
         right = first is not None and _same(first, answers[0]) and verdict in ("explained", "ambiguous")
     elif case.kind == "pair":
         right = all(hit is not None for hit in hits)
+        told = {f"{h.key}:{h.joint}" for h, hit in zip(answers, hits, strict=True) if hit is None}
+        beside = told <= {name for f in findings for name in f.get("confusable_with", [])}
     else:
         right = not (verdict == "explained" and not (first and _same(first, answers[0])))
     wrong_name = any(not any(_same(f, hidden) for hidden in answers) for f in findings)
@@ -99,6 +105,7 @@ def outcome(case: Case, folder: Path) -> dict[str, Any]:
         "named": ", ".join(f"{f['effect']}:{(f['joints'] or ['hand'])[0]}" for f in findings),
         "first": first["effect"] if first and verdict in ("explained", "ambiguous") else verdict,
         "right": bool(right),
+        "beside": beside,
         "wrong_name": wrong_name,
         "covered": covered,
         "value": value,
