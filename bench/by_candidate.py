@@ -21,7 +21,7 @@ _FINE = 12
 
 
 def seconds_by_candidate(recording: Path, finger: str = "FF") -> dict[str, tuple[float | None, ...]]:
-    """Seconds on one core by effect: looked at, rolled out, fitted roughly, fitted on all motion.
+    """Seconds of the processor by effect: looked at, rolled out, fitted roughly, fitted on all motion.
 
     At the first place of the finger where the effect can act; None where it has nothing to start from.
     """
@@ -56,5 +56,5 @@ def _measured(recording: Path, finger: str) -> dict[str, tuple[float | None, ...
 
 
 def _timed(work: Callable[..., Result], given: object) -> tuple[Result, float]:
-    began = time.perf_counter()
-    return work(given), time.perf_counter() - began
+    began = time.process_time()
+    return work(given), time.process_time() - began
