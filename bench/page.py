@@ -33,6 +33,7 @@ _HEAD = """# Benchmarks
 Made by `make bench`; [bench.json](bench.json) holds the same numbers for programs. Each row compares two things that
 were measured in turn, in one run on one machine; the ratio is ours over theirs, and the spread is its least and its
 greatest value over the rounds. Only ratios mean something on another machine. A goal that is not reached says so.
+Roll-outs use all cores; the matrix library has one thread, for peers as well.
 
 ```sh
 make bench                                    # minutes; rewrites this page
