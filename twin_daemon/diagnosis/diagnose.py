@@ -149,13 +149,16 @@ def _search(
 
 
 def _by_parameters(reduced: Reduced, gate: Gate, seed: int) -> bool:
-    """Whether parameters within their uncertainty explain the held-out motion as well, fitted to all of it.
+    """Whether parameters within their uncertainty explain the held-out motion as well: fitted to the end, or to all.
 
     A short recording leaves them loose: what they then get wrong on other motion is no effect.
     """
-    whole = PartFit(reduced.twin, [*reduced.train, *reduced.holdout], reduced.joints)
-    left = Gate(whole, reduced.holdout, seed=seed, first=gate).judge(whole.base).adequacy
-    return whole.base.chi_square <= QUIET_CHI_SQUARE and left <= 1.0 and not _strained(whole)
+    for recordings in (reduced.train, [*reduced.train, *reduced.holdout]):
+        part = PartFit(reduced.twin, recordings, reduced.joints, thoroughly=True)
+        left = Gate(part, reduced.holdout, seed=seed, first=gate).judge(part.base).adequacy
+        if part.base.chi_square <= QUIET_CHI_SQUARE and left <= 1.0 and not _strained(part):
+            return True
+    return False
 
 
 def _is_refinement(first: PartFit, part: PartFit, fit: Fit, outcome: Outcome) -> bool:

@@ -43,8 +43,11 @@ class PartFit:
         *,
         after: Fit | None = None,
         found: Sequence[Fit] = (),
+        thoroughly: bool = False,
     ) -> None:
-        """`found` are the fits of effects that the twin now has, and `after` the last: nuisances begin where it is.
+        """With `thoroughly` the nuisances are fitted to the end, not only until they leave no more than the floor.
+
+        `found` are the fits of effects that the twin now has, and `after` the last: nuisances begin where it is.
 
         The values of these effects are uncertain as long as something else is missing, and go along as nuisances.
         """
@@ -59,6 +62,7 @@ class PartFit:
         else:
             self.floor, self.corrections = after.problem.floor, after.problem.corrections
         self.problem = WhitenedProblem(twin, recordings, self.knobs, joints, self.floor, corrections=self.corrections)
+        self._enough = None if thoroughly else self._is_quiet
         self.coarse = twin.at_step(2.0 * float(twin.model.opt.timestep))
         self.base = self._fit_nuisances(after)
 
@@ -80,9 +84,9 @@ class PartFit:
         before = np.inf
         for known in (slopes, None, None, None):
             derivative = Derivative(self.problem, (), known)
-            found = descend(self.problem, point, derivative, evaluations=_NUISANCE_EVALUATIONS, enough=self._is_quiet)
+            found = descend(self.problem, point, derivative, evaluations=_NUISANCE_EVALUATIONS, enough=self._enough)
             point, cost = found.point, float(found.rows @ found.rows)
-            if self._is_quiet(point, found.rows) or cost > _SETTLED * before:
+            if (self._enough and self._enough(point, found.rows)) or cost > _SETTLED * before:
                 break
             before = cost
         return found
