@@ -43,6 +43,7 @@ _POLL_S = 1.0
 _SWITCH_S = 1e-4
 _GATE_S = 1.5  # its thread comes round twice a second where nothing moves
 AUDIT = "audit.jsonl"
+LATCH = "stopped.json"
 
 
 def command(
@@ -75,6 +76,7 @@ def command(
     from twin_daemon.gate.audit import AuditLog
     from twin_daemon.gate.gate import Gate
     from twin_daemon.gate.identity import ensure_keyring, keys_file
+    from twin_daemon.gate.latch import Latch
 
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
     settings = load_config(config, os.environ).config
@@ -85,7 +87,7 @@ def command(
     source = ModelSource(chosen, version or settings.version)
     twin, info = source.load()
     folder = hand_folder(chosen.description.namespace)
-    gate = Gate(twin, settings.gate) if chosen.commands else None
+    gate = Gate(twin, settings.gate, latch=Latch(folder / LATCH)) if chosen.commands else None
     keyring = ensure_keyring(keys_file(state_dir()))
     service = TwinService(twin, info, settings.daemon, journal=folder / "events.jsonl", gate=gate)
     ring = Ring(60.0 * settings.daemon.keep_minutes, settings.daemon.keep_mib * 2**20)

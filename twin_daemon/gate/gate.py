@@ -20,6 +20,7 @@ import numpy as np
 from twin_daemon.errors import BadInput
 from twin_daemon.gate.checks import ALLOWED, IDENTITY, MOTION, Asked, Refusal, Situation, first_refusal, identity_proved
 from twin_daemon.gate.identity import Who
+from twin_daemon.gate.latch import Latch
 from twin_daemon.gate.limits import limits_of
 from twin_daemon.gate.motion import Motion, commands_of, row_of
 from twin_daemon.gate.planning import Planner
@@ -49,13 +50,19 @@ class Foresight:
 
 class Gate:
     """`witness` gets every decision as a plain object before it takes effect; an OSError of it means refused. It is
-    called under the gate's lock and must wait for nobody.
+    called under the gate's lock and must wait for nobody. With a `latch` a stop outlives the process: a gate whose
+    latch is set begins stopped.
 
     Times are of a monotonic clock, `wall_ns` of the clock that stamps come from. Safe to use from several threads.
     """
 
     def __init__(
-        self, twin: TwinModel, settings: GateSettings, witness: Witness = lambda _: None, session: str | None = None
+        self,
+        twin: TwinModel,
+        settings: GateSettings,
+        witness: Witness = lambda _: None,
+        session: str | None = None,
+        latch: Latch | None = None,
     ) -> None:
         self.settings = settings
         self.session = session or secrets.token_hex(8)
@@ -69,6 +76,9 @@ class Gate:
         self._mode = "read_only"
         self._commander: str | None = None
         self._reason = self._ended = ""
+        self._latch = latch
+        if latch is not None and latch.why is not None:
+            self._mode, self._ended = "stopped", latch.why
         self._until_s = self._beat_s = -np.inf
         self._generation = 0
         self._sequences: dict[str, int] = {}
@@ -138,7 +148,20 @@ class Gate:
                 motion = asked.motion if refusal is None else None
                 found = None if motion is None else planner.rehearse(motion, situation.setpoint, measured)
                 return self._answer(asked, refusal, now_s) | {"dry_run": True, "rehearsal": found}
-            return self._decide(asked, refusal, generation, now_s)
+            answer = self._decide(asked, refusal, generation, now_s)
+        return answer | self._latched(answer["gate"]["ended"]) if verb == "stop" else answer
+
+    def _latched(self, why: str | None) -> dict[str, Any]:
+        """Puts a stop on disk, and says whether that worked. Not under the gate's lock: the setpoints come to rest
+        meanwhile, however slow the disk is."""
+        if self._latch is None:
+            return {"latch_kept": False, "latch_why": "this gate keeps no latch on disk"}
+        try:
+            self._latch.set(why or "stopped", lambda: self._mode == "stopped")
+        except OSError as error:
+            lost = f"the latch cannot be written ({error.strerror}): it ends with this process"
+            return {"latch_kept": False, "latch_why": lost}
+        return {"latch_kept": True, "latch_why": None}
 
     def _identified(self, asked: Asked, situation: Situation, dry: bool) -> Refusal | None:
         """Who asks, and whether it is new. In one step with the look at the last sequence, under the lock: verbs are
@@ -163,6 +186,11 @@ class Gate:
                     refusal = Refusal(
                         "record", f"the audit log cannot be written: {error.strerror}", "a disk with room"
                     )
+            if refusal is None and asked.verb == "release" and self._latch is not None:
+                try:
+                    self._latch.clear()
+                except OSError as error:
+                    refusal = Refusal("latch", f"the latch cannot be removed: {error.strerror}", "a disk that works")
             if refusal is None:
                 self._do(asked, now_s)
             return self._answer(asked, refusal, now_s)
