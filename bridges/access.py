@@ -10,6 +10,8 @@ import os
 from pathlib import Path
 from typing import Any
 
+from bridges.ros_keys import RosKeys
+from bridges.streams import daemon_subscribes, heard_keys
 from bridges.tls import shown_by_daemon
 from twin_daemon.errors import BadInput
 from twin_daemon.files import write_atomically
@@ -35,14 +37,18 @@ def credentials(name: str | None = None) -> tuple[str, str]:
     return name, keyring.password(name)
 
 
-def certified_access(keyring: Keyring, description: HandDescription) -> dict[str, Any]:
+def certified_access(keyring: Keyring, description: HandDescription, ros: RosKeys | None = None) -> dict[str, Any]:
     """The router's configuration where each identity shows its certificate. One whose identity was removed from the
     keyring may do nothing, however long its certificate lasts."""
-    return {**shown_by_daemon(), "access_control": _rules(keyring, description, "cert_common_names")}
+    return {**shown_by_daemon(), "access_control": _rules(keyring, description, ros, "cert_common_names")}
 
 
 def router_access(
-    keyring: Keyring, description: HandDescription, passwords: Path, anonymous_looks: bool
+    keyring: Keyring,
+    description: HandDescription,
+    passwords: Path,
+    anonymous_looks: bool,
+    ros: RosKeys | None = None,
 ) -> dict[str, Any]:
     """The router's configuration for the identities of a keyring. Writes the file of passwords that it refers to."""
     users = {name: keyring.password(name) for name in keyring.names}
@@ -53,25 +59,27 @@ def router_access(
     write_atomically(passwords, lines.encode(), mode=0o600)
     return {
         "transport/auth/usrpwd": {"dictionary_file": str(passwords)},
-        "access_control": _rules(keyring, description, "usernames"),
+        "access_control": _rules(keyring, description, ros, "usernames"),
     }
 
 
-def _rules(keyring: Keyring, description: HandDescription, known_by: str) -> dict[str, Any]:
+def _rules(keyring: Keyring, description: HandDescription, ros: RosKeys | None, known_by: str) -> dict[str, Any]:
     """`known_by` is what tells the identities apart: usernames, which the public one has too, or cert_common_names."""
 
     def command(verb: str) -> str:
         return description.key("command", verb=verb)
 
-    streams = [description.key(name) for name in ("joint_states", "joint_commands")]
+    streams = [*heard_keys(description).values(), *(ros.subscribed.values() if ros is not None else ())]
     told = [description.key(name) for name in ("twin_joint_states", "residual", "events", "health")]
+    told += [ros.published] if ros is not None else []
     asked = [*(description.key(name) for name in _LOOK), command("status"), command("stop")]
     work = [description.key(name) for name in _WORK]
     alive = [description.key("alive"), description.keys.alive.format(ns="**")]  # who looks for hands asks for all
     everything = [*streams, *told, *asked, *work, command("*"), description.key("alive")]
     rules = [
         _rule("answers", "egress", ["put", "reply", "liveliness_token", "declare_queryable", "query"], everything),
-        _rule("interest", "egress", ["declare_subscriber"], everything),
+        # what the daemon subscribes to, letter by letter: a wildcard that no rule covers would leave it deaf
+        _rule("interest", "egress", ["declare_subscriber"], [*everything, *daemon_subscribes(description, ros)]),
         _rule("listen", "ingress", ["declare_subscriber"], [*streams, *told, command("sent")]),
         _rule("see", "ingress", ["liveliness_query", "declare_liveliness_subscriber"], alive),
         _rule("ask", "ingress", ["query"], asked),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import logging
 import time
@@ -18,6 +17,7 @@ from bridges.inbox import Inbox
 from bridges.ring import Ring
 from bridges.ros_keys import RosKeys
 from bridges.stop import Stoppable
+from bridges.streams import heard_keys, subscriptions
 from twin_daemon.daemon.messages import JointSample, MalformedPayload
 from twin_daemon.daemon.service import TwinService
 
@@ -74,9 +74,7 @@ class ZenohBridge:
             }.items()
         }
         self._entities = [self._declare_question(key, answer) for key, answer in (answers | (extra or {})).items()]
-        self._entities += self._subscribe_streams(
-            {name: self._key(name) for name in ("joint_states", "joint_commands")}
-        )
+        self._entities += self._subscribe_streams(heard_keys(service.hand.description))
         self._ros = ros
         if ros is not None:
             self._entities += self._subscribe_streams(ros.subscribed)
@@ -89,25 +87,16 @@ class ZenohBridge:
     # -- declarations --------------------------------------------------------------------------------------
 
     def _subscribe_streams(self, keys: dict[str, str]) -> list[Any]:
-        """One subscriber for all streams where their keys allow it.
+        return [self._subscribe(key, streams) for key, streams in subscriptions(keys).items()]
 
-        Each subscriber has a thread of its own: on a loaded machine two would let states overtake the commands that
-        led to them.
-        """
-        streams = {key: stream for stream, key in keys.items()}
-        shared = _covering(list(keys.values()))
-        if shared is None:
-            return [self._subscribe(stream, key) for stream, key in keys.items()]
-
+    def _subscribe(self, expression: str, streams: dict[str, str]) -> Any:
         def sort(sample: zenoh.Sample) -> None:
-            stream = streams.get(str(sample.key_expr))
+            # a key with wildcards is that of a single stream
+            stream = streams.get(expression) or streams.get(str(sample.key_expr))
             if stream is not None:
                 self.inbox.put(stream, sample.payload.to_bytes())
 
-        return [self._session.declare_subscriber(shared, sort)]
-
-    def _subscribe(self, stream: str, key: str) -> Any:
-        return self._session.declare_subscriber(key, lambda sample: self.inbox.put(stream, sample.payload.to_bytes()))
+        return self._session.declare_subscriber(expression, sort)
 
     def _declare_question(self, name: str, answer: Answer) -> Any:
         key = self._key(name)
@@ -201,13 +190,3 @@ class ZenohBridge:
         self._token.undeclare()
         for entity in (*self._entities, *self._publishers.values()):
             entity.undeclare()
-
-
-def _covering(keys: list[str]) -> str | None:
-    """A key expression for keys that differ in the end of their last part alone; None where they do not."""
-    parents = {key.rpartition("/")[0] for key in keys}
-    if len(parents) != 1 or any("*" in key for key in keys):
-        return None
-    letters = zip(*(key.rpartition("/")[2] for key in keys), strict=False)
-    start = "".join(same[0] for same in itertools.takewhile(lambda column: len(set(column)) == 1, letters))
-    return "/".join(filter(None, [parents.pop(), f"{start}$*" if start else "*"]))

@@ -27,11 +27,12 @@ class Twin:
         self._environment = {**os.environ, "TWIN_ENDPOINT": self.endpoint, "PYTHONPATH": os.pathsep.join(sys.path)}
         self._running: list[subprocess.Popen[str]] = []
 
-    def start(self, *arguments: str) -> subprocess.Popen[str]:
+    def start(self, *arguments: str, who: str | None = None) -> subprocess.Popen[str]:
+        """Starts `twin ARGUMENTS`, in the name of an identity of the key file."""
         process = subprocess.Popen(
             twin_command(*arguments),
             cwd=self._folder,
-            env=self._environment,
+            env=self._environment | ({} if who is None else {"TWIN_AS": who}),
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -51,11 +52,11 @@ class Twin:
         out, err = process.communicate(timeout=timeout_s)
         return process.returncode, out, err
 
-    def run(self, *arguments: str) -> tuple[int, str, str]:
-        return self.finish(self.start(*arguments))
+    def run(self, *arguments: str, who: str | None = None) -> tuple[int, str, str]:
+        return self.finish(self.start(*arguments, who=who))
 
-    def query(self, question: str, timeout_s: float = 15.0) -> dict[str, Any]:
-        code, out, err = self.run("query", question, "--timeout", str(timeout_s), "--json", "-")
+    def query(self, question: str, timeout_s: float = 15.0, who: str | None = None) -> dict[str, Any]:
+        code, out, err = self.run("query", question, "--timeout", str(timeout_s), "--json", "-", who=who)
         assert code == 0, err
         return json.loads(out)
 

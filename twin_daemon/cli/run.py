@@ -94,6 +94,7 @@ def command(
     keeper = Keeper(ring, chosen.description, state_dir() / "recordings", settings.daemon)
     with on_termination() as stop, contextlib.ExitStack() as stack:
         access = None
+        ros = RosKeys(settings.ros) if settings.ros is not None else None
         certified = settings.access is not None and settings.access.certificates
         if certified != is_tls(address):
             raise BadInput(
@@ -102,10 +103,10 @@ def command(
                 todo="Set access: {certificates: true} and endpoint: tls/HOST:PORT together; see docs/security.md",
             )
         if certified:
-            access = certified_access(keyring, chosen.description)
+            access = certified_access(keyring, chosen.description, ros)
         elif settings.access is not None:
             looks = settings.access.anonymous == "look"
-            access = router_access(keyring, chosen.description, folder / "passwords", looks)
+            access = router_access(keyring, chosen.description, folder / "passwords", looks, ros)
         session, how = open_daemon(address, access, stop)
         stack.callback(session.close)
         if how == "joined" and someone_serves(session, service.hand.description.key("alive")):
@@ -116,7 +117,6 @@ def command(
             )
         keeper.open(session)
         stack.callback(keeper.close)
-        ros = RosKeys(settings.ros) if settings.ros is not None else None
         diagnoser = Diagnoser(keeper, service, named_hand(hand, model))
         stack.callback(diagnoser.close)
         named = [*named_hand(hand, model), "--namespace", service.namespace, "--endpoint", address]
