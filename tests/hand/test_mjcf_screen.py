@@ -6,10 +6,12 @@ import os
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from twin_daemon.errors import BadInput
 from twin_daemon.hand.mjcf import compile_model
+from twin_daemon.hand.mjcf_screen import screen_mjcf
 
 BODY = '<worldbody><body><joint name="j"/><geom size="0.1" mass="1"/></body></worldbody>'
 BOMB = '<!DOCTYPE m [<!ENTITY a "x"><!ENTITY b "&a;&a;&a;&a;&a;&a;"><!ENTITY c "&b;&b;&b;&b;&b;&b;&b;&b;&b;">]>'
@@ -125,3 +127,42 @@ def test_files_that_include_each_other_end(model) -> None:
     model('<include file="it.xml"/>', name="loop.xml")
     with pytest.raises(BadInput):
         compile_model(model('<include file="loop.xml"/>'))
+
+
+def stl(path: Path, facets: int) -> None:
+    """A binary STL of a sphere of triangles, as large as its number of facets says."""
+    rng = np.random.default_rng(0)
+    corners = rng.normal(size=(facets, 3, 3))
+    corners /= np.linalg.norm(corners, axis=2, keepdims=True)
+    records = np.zeros(facets, dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
+    records["corners"] = corners
+    path.write_bytes(bytes(80) + np.uint32(facets).tobytes() + records.tobytes())
+
+
+def test_a_mesh_that_is_asked_for_again_and_again_counts_each_time(model) -> None:
+    def meshes(count: int) -> str:
+        named = "".join(f'<mesh name="m{n}" file="m.stl"/>' for n in range(count))
+        return f"<asset>{named}</asset>{BODY}"
+
+    path = model(meshes(2))
+    stl(path.parent / "m.stl", 2000)
+    assert compile_model(path).nmesh == 2
+    with (path.parent / "m.stl").open("ab") as file:  # 9.5 MB, of which MuJoCo would read as much as it declares
+        file.truncate(9_500_000)
+    for count, refused in ((20, False), (22, True), (200, True)):
+        path.write_text(f"<mujoco>{meshes(count)}</mujoco>")
+        if refused:
+            with pytest.raises(BadInput, match="as often as it is asked for"):
+                screen_mjcf(path)
+        else:
+            screen_mjcf(path)
+
+
+def test_meshes_of_models_that_are_attached_count_with_every_copy(model) -> None:
+    attach = '<worldbody><replicate count="30"><frame><attach model="s" body="b"/></frame></replicate></worldbody>'
+    path = model(f'<asset><model name="s" file="sub.xml"/></asset>{attach}')
+    inside = '<asset><mesh name="m" file="m.stl"/></asset><worldbody><body name="b"><geom size="1"/></body></worldbody>'
+    (path.parent / "sub.xml").write_text(f"<mujoco>{inside}</mujoco>")
+    (path.parent / "m.stl").write_bytes(bytes(9_500_000))
+    with pytest.raises(BadInput, match="as often as it is asked for"):
+        screen_mjcf(path)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import sqlite3
+import time
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 
 from twin_daemon.errors import BadInput
-from twin_daemon.recordings import load_recording, unpacking
+from twin_daemon.recordings import budget, load_recording, unpacking
 
 from .bag_files import ROS1, ROS2, JointState, joint_state_bytes, write_bag
 
@@ -101,3 +102,45 @@ def test_a_bag_that_names_files_elsewhere(name: str, tmp_path: Path) -> None:
     about = folder / "metadata.yaml"
     about.write_text(about.read_text().replace("motion.mcap", name))
     refused(folder, "secret.mcap|passwd")
+
+
+HEADER = "name,position,velocity,effort,timestamp_nsecs\n"
+
+
+@pytest.mark.parametrize("blank", ["\n", "\r\n", " \n"])
+def test_lines_without_anything_cost_no_time(blank: str, tmp_path: Path) -> None:
+    path = tmp_path / "motion.csv.gz"
+    path.write_bytes(gzip.compress((HEADER + blank * 20_000_000).encode()))
+    begin_s = time.process_time()
+    refused(path, "lines are blank")
+    assert time.process_time() - begin_s < 1.0  # all of them took ten
+
+
+def test_a_blank_line_behind_every_other_is_no_attack(tmp_path: Path) -> None:
+    path = tmp_path / "motion.csv"
+    path.write_text(HEADER + "".join(f'"[\'a\']","({n},)",(),(),{10**18 + n * 10**6}\n\n' for n in range(3000)))
+    assert load_recording(path).quality.samples == 3000
+
+
+@pytest.mark.parametrize("form", ["csv", "pair", "bag", "mcap", "db3"])
+def test_what_takes_too_long_is_left_whatever_its_form(
+    form: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stamps_ns = [10**18 + n * 10**6 for n in range(4000)]
+    if form == "csv":
+        path = tmp_path / "motion.csv"
+        path.write_text(HEADER + "".join(f'"[\'a\']","(0.0,)",(),(),{stamp_ns}\n' for stamp_ns in stamps_ns))
+    elif form == "pair":
+        path = tmp_path
+        (path / "joint_list.txt").write_text("a\n")
+        lines = "".join(f'{stamp_ns // 1000},"(0.0,)"\n' for stamp_ns in stamps_ns)
+        (path / "state_motor.csv").write_text("timestamp,positions\n" + lines)
+    else:
+        path = write_bag(form, tmp_path, [JointState(stamp_ns, ["a"], [0.1]) for stamp_ns in stamps_ns])
+    assert load_recording(path).quality.samples == 4000
+    with monkeypatch.context() as nothing_left:
+        nothing_left.setattr(budget, "BASE_S", 0.0)
+        nothing_left.setattr(budget, "PER_MIB_S", 0.0)
+        refused(path, "of the processor")
+    monkeypatch.setattr(budget, "MOST_MESSAGES", 1000)
+    refused(path, "more than 1000 messages")

@@ -133,11 +133,35 @@ def with_a_stranger(path: Path) -> None:
         tar.addfile(info)
 
 
+def with_a_link(kind: bytes, target: str) -> Callable[[Path], None]:
+    def harm(path: Path) -> None:
+        with tarfile.open(path, "a") as tar:
+            info = tarfile.TarInfo("hands/left/versions/0123456789abcdef/model.xml")
+            info.type, info.linkname = kind, target
+            tar.addfile(info)
+
+    return harm
+
+
+def with_a_sparse_file(path: Path) -> None:
+    """Of a terabyte, which a header of 512 bytes stands for."""
+    with tarfile.open(path, "a") as tar:
+        info = tarfile.TarInfo("hands/left/versions/0123456789abcdef/model.xml")
+        info.pax_headers = {"GNU.sparse.major": "0", "GNU.sparse.minor": "1"}
+        info.pax_headers |= {"GNU.sparse.map": f"{2**40},0", "GNU.sparse.size": f"{2**40}"}
+        tar.addfile(info)
+
+
 @pytest.mark.parametrize(
     ("harm", "said"),
     [
         (changed_byte, "not what was backed up"),
         (with_a_stranger, "does not belong"),
+        (with_a_link(tarfile.SYMTYPE, "/etc/passwd"), "does not belong"),
+        (with_a_link(tarfile.SYMTYPE, "nowhere"), "does not belong"),
+        (with_a_link(tarfile.LNKTYPE, "nowhere"), "does not belong"),
+        (with_a_link(tarfile.FIFOTYPE, ""), "does not belong"),
+        (with_a_sparse_file, "does not belong"),
         (lambda path: path.write_bytes(path.read_bytes()[:30_000]), "."),
         (lambda path: path.write_bytes(b"no tar"), "cannot be read as a backup"),
         (lambda path: path.unlink(), "cannot be read as a backup"),

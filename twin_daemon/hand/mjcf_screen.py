@@ -26,6 +26,8 @@ MAX_ITERATIONS = 10_000
 MIN_TIMESTEP_S = 1e-5
 MAX_FILES = 100
 MAX_FILE_BYTES = 200_000_000
+MAX_ASSET_BYTES = 200_000_000
+"""Of all files that it reads, each as often as it is asked for: MuJoCo makes five times as much of a mesh."""
 
 _FILES = ("file", "fileup", "fileback", "filedown", "filefront", "fileleft", "fileright", "filefwd", "filename")
 _FOLDERS = ("meshdir", "texturedir", "assetdir")
@@ -54,8 +56,9 @@ class _Screen:
         self._path = path
         self._base = path.resolve().parent
         self._folders: set[str] = set()
-        self._named: list[tuple[str, Path]] = []
+        self._named: list[tuple[str, Path, float]] = []
         self._files = 0
+        self._bytes = 0.0
         self._elements = self._cells = 0.0
 
     def walk(self, path: Path, copies: float) -> None:
@@ -66,6 +69,7 @@ class _Screen:
         if not _is_file(path):
             what = f"the file that it includes is not there: {path!s:.300}"
             raise BadInput(what, where=self._path, todo="Correct the MJCF")
+        self._count_bytes(path.stat().st_size * copies)
         around = [(-1, copies)]  # depth of each element that copies what it holds, and how many that makes
         for depth, tag, attributes in _elements(path):
             while around[-1][0] >= depth:
@@ -86,17 +90,26 @@ class _Screen:
                 elif tag == "model":
                     self.models.append(_inside(self._base, self._base / value, path))
                 else:
-                    self._named.append((value, path))
+                    self._named.append((value, path, copies))
         self._limit_cells(path)
 
     def look_at_assets(self) -> None:
         """Meshes, pictures and the like: where they are, and what they unpack to."""
-        for value, where in self._named:
+        for value, where, copies in self._named:
+            largest = 0
             for start in {self._base, where.parent}:
                 for folder in self._folders or {""}:
                     path = _inside(self._base, start / folder / value, where)
-                    self._cells += _pixels(path, where)
+                    largest = max(largest, _size(path, where))
+                    self._cells += _pixels(path)
                     self._limit_cells(where)
+            self._count_bytes(largest * copies)
+
+    def _count_bytes(self, size: float) -> None:
+        self._bytes += size
+        if self._bytes > MAX_ASSET_BYTES:
+            what = f"its files, each as often as it is asked for, have more than {MAX_ASSET_BYTES} bytes"
+            raise BadInput(what, where=self._path, todo="Use smaller meshes, or each of them once")
 
     def _limit_cells(self, where: Path) -> None:
         if self._cells > MAX_CELLS:
@@ -117,18 +130,26 @@ def _is_file(path: Path) -> bool:
         return False
 
 
-def _pixels(path: Path, where: Path) -> float:
-    """How many pixels a picture has; 0 for what is none. BadInput for what is no file of usual size."""
+def _size(path: Path, where: Path) -> int:
+    """Bytes of a file; 0 where there is none. BadInput for what is no file of usual size."""
     try:
         status = path.stat()
     except OSError:
-        return 0.0  # MuJoCo says that it is not there
+        return 0  # MuJoCo says that it is not there
     if stat.S_ISDIR(status.st_mode):
-        return 0.0
+        return 0
     if not stat.S_ISREG(status.st_mode) or status.st_size > MAX_FILE_BYTES:
         raise BadInput(f"this is no file of up to {MAX_FILE_BYTES} bytes: {path}", where=where)
-    with path.open("rb") as file:
-        start = file.read(24)
+    return status.st_size
+
+
+def _pixels(path: Path) -> float:
+    """How many pixels a picture has; 0 for what is none."""
+    try:
+        with path.open("rb") as file:
+            start = file.read(24)
+    except OSError:
+        return 0.0
     if not start.startswith(_PNG):
         return 0.0
     return float(int.from_bytes(start[16:20], "big")) * int.from_bytes(start[20:24], "big")

@@ -14,6 +14,7 @@ from rosbags.typesys.store import Typestore
 
 from twin_daemon.errors import BadInput
 from twin_daemon.recordings.assemble import Stream, assemble
+from twin_daemon.recordings.budget import spend
 from twin_daemon.recordings.controller_topics import joint_of_topic
 from twin_daemon.recordings.joint_state_wire import JOINT_STATE, SECOND_NS, JointStateReader
 from twin_daemon.recordings.mcap_chunks import ChunkedBag
@@ -23,6 +24,7 @@ from twin_daemon.recordings.trajectory_commands import TrajectoryMessage, expand
 
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 FLOAT64 = "std_msgs/msg/Float64"
+_EVERY = 256
 _FAR_NS = SECOND_NS  # a joint measured longer ago than this does not say where a trajectory sets out from
 
 
@@ -92,8 +94,11 @@ def _distribute(reader: BagReader | ChunkedBag, feeds: dict[int, Feed]) -> None:
     readers = [feed for feed in dict.fromkeys(feeds.values()) if isinstance(feed, JointStateReader)]
     single = {id_: feed.feed if isinstance(feed, JointStateReader) else feed for id_, feed in feeds.items()}
     if not isinstance(reader, ChunkedBag):
-        for connection, received_ns, raw in reader.messages([c for c in reader.connections if c.id in feeds]):
+        wanted = [c for c in reader.connections if c.id in feeds]
+        for number, (connection, received_ns, raw) in enumerate(reader.messages(wanted), 1):
             single[connection.id](raw, received_ns)
+            if number % _EVERY == 0:
+                spend(_EVERY)
         return
     others = [id_ for id_, feed in feeds.items() if not isinstance(feed, JointStateReader)]
     for batch in reader.batches(feeds):

@@ -12,9 +12,11 @@ from typing import TextIO
 from pydantic_core import from_json
 
 from twin_daemon.errors import BadInput
+from twin_daemon.recordings.budget import MOST_BLANK, spend
 from twin_daemon.recordings.unpacking import most_bytes, too_much
 
 _MAX_LINE = 4 * 1024 * 1024  # characters; a joint state has a few thousand
+_EVERY = 1024
 _BRACKETS = {"[]", "()"}
 
 
@@ -34,9 +36,16 @@ def open_text(path: Path) -> Iterator[TextIO]:
 
 def lines(text: TextIO, path: Path) -> Iterator[str]:
     """Line by line, with an end to what is not made of lines, or packed from nearly nothing."""
-    packed, read = path.stat().st_size, 0
+    packed, read, count, blank = path.stat().st_size, 0, 0, 0
     while line := text.readline(_MAX_LINE):
         read += len(line)
+        count += 1
+        if line.isspace():
+            blank += 1
+            if blank > MOST_BLANK + count - blank:
+                raise BadInput(f"{blank} of its first {count} lines are blank", where=path, todo="Remove them")
+        if count % _EVERY == 0:
+            spend(_EVERY)
         if read > most_bytes(packed):
             raise too_much(packed)
         if len(line) == _MAX_LINE:

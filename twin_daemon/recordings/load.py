@@ -11,6 +11,7 @@ from pathlib import Path
 
 from twin_daemon.errors import BadInput, TwinError
 from twin_daemon.recordings.bag import Contents
+from twin_daemon.recordings.budget import reading
 from twin_daemon.recordings.csv_pair import JOINT_LIST, pair_files, read_csv_pair
 from twin_daemon.recordings.joint_map import check_joint_map
 from twin_daemon.recordings.joint_state_csv import read_joint_state_csv
@@ -45,7 +46,8 @@ def load_recording(path: str | Path, joint_map: Mapping[str, str] | None = None)
         form = _form(path)
         with ThreadPoolExecutor(1) as beside:  # of a large file, the digest takes a fifth of the reading
             digest = beside.submit(_sha256, form)
-            contents = form.read(form.path)
+            with reading(sum(file.stat().st_size for file in form.files)):
+                contents = form.read(form.path)
             sha256 = digest.result()
     except TwinError as error:
         where = path if error.where is None else error.where

@@ -14,10 +14,14 @@ import numpy as np
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader, decompress
 
+from twin_daemon.errors import BadInput
 from twin_daemon.recordings.batch import Batch
+from twin_daemon.recordings.budget import spend
 from twin_daemon.recordings.mcap_file import MESSAGE, MESSAGE_HEAD, RECORD_HEAD
 
 _HEAD = struct.Struct(RECORD_HEAD.format + MESSAGE_HEAD.format[1:])  # a message: both in one
+_EVERY = 1024
+_MOST_IN_CHUNK = 4_000_000  # recorders write chunks of a few MiB
 _CHUNK_HEAD = struct.Struct("<BQQQQI")  # kind, size; first, last, size of the content, its checksum
 
 
@@ -70,8 +74,13 @@ def _content(storage: McapReader, chunk: ChunkInfo) -> bytes:
 def _messages(content: bytes, channels: Mapping[int, int]) -> Batch:
     """The messages of some channels, under the connections that these are."""
     found: list[tuple[int, int, int, int]] = []
-    at, size, ahead = 0, len(content), len(content) - _HEAD.size
+    at, size, ahead, records = 0, len(content), len(content) - _HEAD.size, 0
     while at < size:
+        records += 1
+        if records % _EVERY == 0:
+            spend(_EVERY)
+            if records > _MOST_IN_CHUNK:
+                raise BadInput(f"more than {_MOST_IN_CHUNK} messages are in one of its chunks")
         if at <= ahead:
             kind, length, channel, _, received_ns, _ = _HEAD.unpack_from(content, at)
         else:  # too short for a message

@@ -229,10 +229,11 @@ def _extract(path: Path, staging: Path) -> dict[str, str]:
     try:
         with tarfile.open(path, mode="r:") as tar:
             for info in tar:
+                belongs = info.isreg() and not info.issparse()  # a sparse file is as large as it says it is
+                if not belongs or not (info.name == MANIFEST or _MEMBER.fullmatch(info.name)):
+                    raise BadInput(f"'{info.name:.200}' does not belong into a backup of versions", where=path)
                 file = tar.extractfile(info)
-                if file is None or not info.isreg() or not (info.name == MANIFEST or _MEMBER.fullmatch(info.name)):
-                    raise BadInput(f"'{info.name}' does not belong into a backup of versions", where=path)
-                data = file.read()
+                data = file.read() if file is not None else b""
                 if len(data) != info.size:
                     raise BadInput("the file ends too early", where=path, todo="Use another backup")
                 target = staging / info.name
@@ -245,8 +246,8 @@ def _extract(path: Path, staging: Path) -> dict[str, str]:
                 sync_folder(target.parent)
                 if info.name != MANIFEST:
                     sums[info.name] = hashlib.sha256(data).hexdigest()
-    except (tarfile.TarError, FileNotFoundError, IsADirectoryError, FileExistsError, EOFError) as error:
+    except (tarfile.TarError, FileNotFoundError, IsADirectoryError, FileExistsError, EOFError, ValueError) as error:
         raise BadInput(
-            f"cannot be read as a backup ({error})", where=path, todo="Give a file of 'twin versions backup'"
+            f"cannot be read as a backup ({error!s:.200})", where=path, todo="Give a file of 'twin versions backup'"
         ) from None
     return sums
