@@ -22,7 +22,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from twin_daemon.versions import Draft, VersionStore
+from twin_daemon.versions import NOMINAL, Draft, VersionStore
 from twin_daemon.versions.prune import Policy, prune
 from twin_daemon.versions.verify import verify
 
@@ -57,7 +57,7 @@ class Expected:
                 self.stored.add(version)
                 self.candidate = version if operation["named"] else self.candidate
             case "promote":
-                if self.promoted[-1:] != [version]:
+                if (NOMINAL, *self.promoted)[-1] != version:
                     self.promoted.append(version)
                 self.candidate = None if self.candidate == version else self.candidate
             case "rollback":
@@ -67,7 +67,7 @@ class Expected:
                 self.promoted = [kept for kept in self.promoted if kept not in gone]
 
     def names(self) -> dict[str, str]:
-        names: dict[str, str] = dict(zip(("current", "previous"), reversed(self.promoted), strict=False))
+        names: dict[str, str] = dict(zip(("current", "previous"), reversed((NOMINAL, *self.promoted)), strict=False))
         return names if self.candidate is None else {**names, "candidate": self.candidate}
 
 
@@ -178,9 +178,9 @@ def _work(root: Path, kill: int, writer: int) -> None:
         while True:
             what = dice.choices(("add", "promote", "rollback", "prune", "note"), (4, 3, 2, 2, 1))[0]
             names = store.aliases()
-            if (what == "rollback" and "previous" not in names) or not (names or what == "add"):
+            if what == "rollback" and "previous" not in names:
                 continue
-            target = names.get("candidate", names.get("current", ""))
+            target = names.get("candidate", names["current"])
             _say(writer, "begun", what, target, [])
             gone: list[str] = []
             if what == "add":
@@ -189,7 +189,7 @@ def _work(root: Path, kill: int, writer: int) -> None:
                     hand="hand",
                     kind="calibrated",
                     terms={"kill": kill, "number": number},
-                    parent=names.get("current"),
+                    parent=names["current"],
                 )
                 target = store.add(draft, f"<!-- {number} -->{_MODEL}", alias="candidate").id
             elif what == "promote":

@@ -18,10 +18,11 @@ from twin_daemon.figures.reduce import keep_extremes
 from twin_daemon.figures.state import state_figure
 from twin_daemon.report.chart import Chart, chart
 from twin_daemon.simulation.alignment import Aligned
+from twin_daemon.versions import NOMINAL
 from workbench.app import reading
 from workbench.library import Library
 from workbench.numbers import listed
-from workbench.shelf import NOMINAL, Shelf
+from workbench.shelf import Shelf
 
 BUCKETS = 400
 """Stretches that a chart is drawn from; of each the lowest and highest sample of every curve is kept."""

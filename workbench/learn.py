@@ -21,11 +21,12 @@ from twin_daemon.report.page import diagnosis_section, ladder_chart
 from twin_daemon.signals.trajectory import load_trajectory
 from twin_daemon.simulation.follow import follow
 from twin_daemon.simulation.signature import signature
+from twin_daemon.versions import NOMINAL
 from workbench.app import posting, reading
 from workbench.compare import as_spec
 from workbench.jobs import Job, Jobs, Kind
 from workbench.library import Library
-from workbench.shelf import NOMINAL, Shelf
+from workbench.shelf import Shelf
 
 _MOST_STEPS = 12
 _MOST_CURVES = 8

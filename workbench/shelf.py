@@ -24,7 +24,6 @@ from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
 from twin_daemon.versions import VersionStore
 
-NOMINAL = "nominal"
 _BELOW_THE_DAEMON = 10  # nice
 _MOST_RECORDINGS = 3
 _MOST_COMPARISONS = 6
@@ -49,8 +48,8 @@ class Shelf:
         self._twins: OrderedDict[Hashable, Future[TwinModel]] = OrderedDict()
 
     def version_id(self, reference: str) -> str:
-        """The id behind a name; `nominal` is the model without a version. Raises BadInput for one that is not there."""
-        return NOMINAL if reference == NOMINAL else self.store.resolve(reference).id
+        """The id behind a name. Raises BadInput for one that is not there."""
+        return self.store.resolve(reference).id
 
     def twin(self, version_id: str) -> TwinModel:
         """The twin of a version's id. Raises BadInput."""
@@ -98,8 +97,6 @@ class Shelf:
         self._worker.shutdown(cancel_futures=True)
 
     def _built(self, version_id: str) -> TwinModel:
-        if version_id == NOMINAL:
-            return self.nominal
         return self.nominal.changed(Terms.model_validate(self.store.get(version_id).terms))
 
     def _read(self, path: Path) -> Aligned:

@@ -103,7 +103,7 @@ def test_calibrate_fits_stores_and_the_version_is_the_better_twin(
 
     record = VersionStore("shadow_hand").get(fitted["version"])
     assert record.parameters["rh_FFJ3.damping"].value == damping["value"]
-    assert VersionStore("shadow_hand").current() is None
+    assert VersionStore("shadow_hand").last_promoted() is None
     better = call(capsys, "compare", "--recording", str(bag), "--version", fitted["version"])
     assert better["version"] == fitted["version"]
     nominal = call(capsys, "compare", "--recording", str(bag), "--version", "nominal")

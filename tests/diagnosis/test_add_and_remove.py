@@ -29,7 +29,7 @@ def test_an_effect_is_added_with_given_values_and_removed_again(tmp_path: Path, 
         ("backlash", "rh_MFJ3"),
     }
     assert all(t["values"]["gap"] == 0.03 for t in version.terms["effects"])
-    assert store.current() is None
+    assert store.last_promoted() is None
 
     removed = called(
         "remove", "backlash", "--joint", "rh_FFJ3", "--version", added["version"], result=tmp_path / "r.json"

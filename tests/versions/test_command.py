@@ -11,6 +11,8 @@ import mujoco
 import pytest
 
 from twin_daemon.cli.app import main
+from twin_daemon.hand import load_hand
+from twin_daemon.simulation.twin import TwinModel
 from twin_daemon.versions import Draft, Version, VersionStore
 
 
@@ -49,6 +51,56 @@ def test_the_story_of_two_versions(versions: list[Version], tmp_path: Path, caps
     assert {first, second} <= set(answer(capsys, "verify")["intact"])
 
 
+def test_nominal_is_a_version_like_any_other(
+    versions: list[Version], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, second = (version.id for version in versions)
+    row = answer(capsys, "list")["versions"][0]
+    assert (row["id"], row["kind"], row["names"], row["created"]) == (
+        "nominal",
+        "nominal",
+        ["nominal", "current"],
+        None,
+    )
+    assert answer(capsys, "show")["terms"]["effects"] == []
+    change = answer(capsys, "diff", "nominal", first)["differences"]["parameters"][0]
+    assert (change["before"], change["after"]) == (None, 0.1)
+    exported = answer(capsys, "export", "nominal", "-o", str(tmp_path / "nominal.xml"))
+    assert mujoco.MjModel.from_xml_path(exported["path"]).nu == TwinModel.load(load_hand()).model.nu
+    # the first promotion can be taken back, and the nominal model put in use by itself
+    assert answer(capsys, "promote", second)["previous"] == "nominal"
+    assert answer(capsys, "rollback")["current"] == "nominal"
+    assert answer(capsys, "rollback")["version"] == "nominal", "there is always somewhere to go"
+    for reference in (first, "nominal"):
+        assert answer(capsys, "promote", reference)["current"] == reference
+    assert answer(capsys, "rollback")["current"] == first
+    assert answer(capsys, "verify")["problems"] == []
+    assert answer(capsys, "note", "nominal", "as delivered")["notes"][0]["text"] == "as delivered"
+    assert main(["versions", "name", "nominal", first]) == 3
+    assert main(["versions", "list", "--tree"]) == 0
+    tree = capsys.readouterr().out.splitlines()
+    nominal, child = (next(line.index(name) for line in tree if name in line) for name in ("nominal", first[:12]))
+    assert nominal < child
+
+
+def test_the_list_fits_a_narrow_terminal(
+    versions: list[Version],
+    draft: Callable[..., Draft],
+    mjcf: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    title = "ladder: " + ", ".join(f"stribeck_friction at rh_{finger}J3" for finger in ("FF", "MF", "RF", "LF", "TH"))
+    VersionStore("shadow_hand").add(draft(0.9, hand="shadow_hand", title=title), mjcf)
+    listed = len(answer(capsys, "list")["versions"])
+    assert main(["versions", "list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 2 + 2 * listed
+    assert max(map(len, lines)) <= 80
+    assert all(version.short_id in "".join(lines) for version in versions)
+
+
 def test_people_see_titles_as_they_were_written(
     versions: list[Version], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -73,7 +125,11 @@ def test_the_store_is_kept_from_the_command_line(
 ) -> None:
     first, second = (version.id for version in versions)
     assert answer(capsys, "note", first, "greased")["notes"][0]["text"] == "greased"
-    assert answer(capsys, "name", "bench", first)["aliases"] == {"candidate": second, "bench": first}
+    assert answer(capsys, "name", "bench", first)["aliases"] == {
+        "current": "nominal",
+        "candidate": second,
+        "bench": first,
+    }
     for reference in (first, second):
         answer(capsys, "promote", reference)
     rows = {row["id"]: row for row in answer(capsys, "list")["versions"]}
@@ -113,7 +169,7 @@ def test_the_tree_shows_who_came_from_whom(
 
 
 def test_a_rejected_candidate_waits_no_more(versions: list[Version], capsys: pytest.CaptureFixture[str]) -> None:
-    assert answer(capsys, "reject") == {"schema": 1, "version": versions[1].id, "aliases": {}}
+    assert answer(capsys, "reject") == {"schema": 1, "version": versions[1].id, "aliases": {"current": "nominal"}}
     assert main(["versions", "promote"]) == 3
     assert "decided about" in capsys.readouterr().err
 
@@ -122,8 +178,7 @@ def test_a_rejected_candidate_waits_no_more(versions: list[Version], capsys: pyt
     "argv",
     [
         ["promote", "nonsense"],
-        ["rollback"],
-        ["show"],
+        ["show", "previous"],
         ["diff", "current", "candidate"],
         ["history"],
         ["reject"],

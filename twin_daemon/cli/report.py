@@ -10,7 +10,7 @@ import typer
 
 from twin_daemon.cli import options
 from twin_daemon.cli.console import emit_json, people, plain_text
-from twin_daemon.cli.session import NOMINAL, Session, open_session, require_folder
+from twin_daemon.cli.session import Session, open_session, require_folder
 from twin_daemon.errors import BadInput, UsageError
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def command(
     if held:
         motions.append(motion("held out", session.twin, held, promoted))
     given = {
-        "--hand": hand, "--model": model, "--version": session.version or (None if terms else NOMINAL),
+        "--hand": hand, "--model": model, "--version": session.version or (None if terms else "nominal"),
         "--terms": terms, "--recording": recording, "--trajectory": trajectory, "--joint-map": joint_map,
     }  # fmt: skip
     more = {"--holdout": holdout, "--diagnosis": diagnosis, "--diagnose": diagnose, "--ladder": ladder}

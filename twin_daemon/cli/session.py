@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from twin_daemon.simulation.twin import TwinModel
     from twin_daemon.versions import VersionStore
 
-NOMINAL = "nominal"
 log = logging.getLogger("twin")
 
 
@@ -47,10 +46,8 @@ class Session:
 
     def last_promoted(self) -> TwinModel | None:
         """The twin of the promoted version; None before the first promotion."""
-        current = self.store.current()
-        if current is None:
-            return None
-        return self.twin.changed(_terms(current.terms))
+        promoted = self.store.last_promoted()
+        return None if promoted is None else self.twin.changed(_terms(promoted.terms))
 
 
 def open_session(
@@ -65,20 +62,18 @@ def open_session(
     from twin_daemon.hand import load_hand
     from twin_daemon.simulation.terms import load_terms
     from twin_daemon.simulation.twin import TwinModel
-    from twin_daemon.versions import VersionStore
+    from twin_daemon.versions import NOMINAL, VersionStore
 
     if version is not None and terms is not None:
         raise UsageError("--version and --terms exclude each other", todo="Give one of them")
     silence_mujoco()
     found = load_hand(hand, model)
-    store = VersionStore(found.name)
+    store = VersionStore.of(found)
     nominal = TwinModel.load(found)
     if terms is not None:
         return Session(found, nominal.changed(load_terms(terms)), None, store, joint_map)
-    if version == NOMINAL:
-        return Session(found, nominal, None, store, joint_map)
     record = store.get(version) if version is not None else store.current()
-    if record is None:
+    if record.id == NOMINAL:
         return Session(found, nominal, None, store, joint_map)
     return Session(found, nominal.changed(_terms(record.terms)), record.id, store, joint_map)
 

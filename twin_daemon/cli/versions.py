@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import hashlib
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,6 +18,8 @@ from twin_daemon.cli.versions_care import open_store
 from twin_daemon.cli.versions_history import history
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from twin_daemon.versions import Version, VersionStore
 
 app = Group(help="List, compare, promote, roll back, export, verify and keep what was learned of a hand.")
@@ -31,18 +34,18 @@ def list_versions(
     model: Model = None,
     json: Json = None,
 ) -> None:
-    """Every version of the hand, oldest first, with the names that point at it."""
+    """Every version of the hand, `nominal` first, then the oldest, with the names that point at it."""
     store = open_store(hand, model)
     found = store.everything()
     versions, notes = store.in_order(found), store.notes()
     names, shipped = store.all_names(), store.all_shipped()
     console = people(json)
-    if not versions:
-        console.print(f"No versions of {plain_text(store.hand)} yet. Make one: twin calibrate --recording R...")
-    elif tree:
+    if tree:
         console.print(_tree(store, versions))
     else:
-        console.print(_table(store, versions, found.stubs))
+        _print_list(console, store, versions, found.stubs)
+    if len(versions) == 1:
+        console.print(f"No other version of {plain_text(store.hand)} yet. Make one: twin calibrate --recording R...")
     for problem in found.problems:
         console.print(f"[red]damaged[/red] {plain_text(problem)}", soft_wrap=True)
     rows = [
@@ -65,7 +68,8 @@ def show(version: Reference = "current", hand: HandName = None, model: Model = N
     found = store.get(version)
     console = people(json)
     console.print(f"[bold]{found.short_id}[/bold] {plain_text(_titled(found))}")
-    console.print(f"made {found.created} from {found.parent[:12] if found.parent else 'the nominal model'}")
+    if found.created is not None:
+        console.print(f"made {found.created} from {found.parent[:12] if found.parent else 'nominal'}")
     for used, recordings in (("fitted on", found.fitted_on), ("held out", found.held_out_on)):
         if recordings:
             console.print(f"{used}: {plain_text(', '.join(recording.name for recording in recordings))}")
@@ -117,9 +121,13 @@ def promote(version: Reference = "candidate", hand: HandName = None, model: Mode
 
 @app.command("rollback")
 def rollback(hand: HandName = None, model: Model = None, json: Json = None) -> None:
-    """Make the previous version current again."""
+    """Make the previous version current again. Before the first promotion the nominal model was in use."""
     store = open_store(hand, model)
-    _report_move(store, store.rollback(), json)
+    before = store.aliases()["current"]
+    version = store.rollback()
+    if version.id == before:
+        people(json).print("nothing was in use before the nominal model")
+    _report_move(store, version, json)
 
 
 @app.command("reject")
@@ -175,7 +183,8 @@ def export(
     """Write one plain MJCF that MuJoCo loads without this package."""
     found = open_store(hand, model).export(version, output)
     people(json).print(f"{plain_text(output)}: version {found.short_id} of {plain_text(found.hand)}", soft_wrap=True)
-    emit_json(json, {"version": found.id, "path": output.absolute(), "mjcf_sha256": found.mjcf_sha256})
+    written = hashlib.sha256(output.read_bytes()).hexdigest()
+    emit_json(json, {"version": found.id, "path": output.absolute(), "mjcf_sha256": written})
 
 
 app.command("verify")(care.verify)
@@ -213,37 +222,41 @@ def _tree(store: VersionStore, versions: list[Version]) -> Any:
 
     excused = gone(store.decisions().decisions)
     named = store.all_names()
-    drawn = Tree(f"{plain_text(store.hand)}: the nominal model")
+    drawn = Tree(plain_text(store.hand))
     waiting = [(branch, drawn) for branch in tree(versions)]
     for branch, above in waiting:  # grows while it is walked
         version = branch.version
-        names = ", ".join(named.get(version.id, []))
+        names = _names(version, named)
         lost = version.parent if above is drawn else None
         origin = f" (from {lost[:12]}, {excused.get(lost, 'not here')})" if lost else ""
         error = _error(version.errors.get("holdout_after") or version.errors.get("after"))
-        label = f"{version.short_id} {plain_text(_titled(version))}, {error} rad²{origin}"
+        errors = f", {error} rad²" if version.errors else ""
+        label = f"{version.short_id} {plain_text(_titled(version))}{errors}{origin}"
         node = above.add(f"{label} [bold]{plain_text(names)}[/bold]" if names else label)
         waiting += [(child, node) for child in branch.children]
     return drawn
 
 
-def _table(store: VersionStore, versions: list[Version], stubs: Collection[str]) -> Any:
-    from rich.table import Table
-
-    table = Table(box=None)
-    table.add_column("id", no_wrap=True)
-    for title in ("names", "kind", "before", "after", "held out"):
-        table.add_column(title)
-    table.add_column("made (UTC)", no_wrap=True)
+def _print_list(console: Console, store: VersionStore, versions: Sequence[Version], stubs: Collection[str]) -> None:
+    """Two lines a version, which fit 80 columns: what it is worth, and what it is called."""
     named, shipped = store.all_names(), store.all_shipped()
+    lines = [f"[bold]{'id':14}{'before':>10}{'after':>10}{'held out':>10}  made (UTC)[/]"]
     for version in versions:
-        errors = [_error(version.errors.get(name)) for name in ("before", "after", "holdout_after")]
-        names = ", ".join(named.get(version.id, [])) + (" (shipped)" if version.id in shipped else "")
-        names += " (stub)" if version.id in stubs else ""
-        made = version.created[:16].replace("T", " ")
-        table.add_row(version.short_id, plain_text(names), plain_text(_titled(version)), *errors, made)
-    table.caption = "Errors are mean squared, in rad²."
-    return table
+        known = (_error(version.errors.get(name)) for name in ("before", "after", "holdout_after"))
+        errors = "".join(f"{'-' if error == 'unknown' else error:>10}" for error in known)
+        made = "-" if version.created is None else version.created[:16].replace("T", " ")
+        names = _names(version, named)
+        marks = [f"[bold]{plain_text(names)}[/]"] if names else []
+        marks += ["(shipped)"] if version.id in shipped else []
+        marks += ["(stub)"] if version.id in stubs else []
+        lines += [f"{version.short_id:14}{errors}  {made}", "  " + " ".join([*marks, plain_text(_titled(version))])]
+    for line in [*lines, "Errors are mean squared, in rad², each on the motion that its version was judged by."]:
+        console.print(line, no_wrap=True, overflow="ellipsis", highlight=False)
+
+
+def _names(version: Version, named: Mapping[str, list[str]]) -> str:
+    """Every name that points at a version; a name that is the id says nothing more."""
+    return ", ".join(name for name in named.get(version.id, []) if name != version.id)
 
 
 def _parameters(version: Version) -> Any:

@@ -20,7 +20,7 @@ def open_store(hand: str | None, model: Path | None) -> VersionStore:
     from twin_daemon.hand import load_hand
     from twin_daemon.versions import VersionStore
 
-    return VersionStore(load_hand(hand, model).name)
+    return VersionStore.of(load_hand(hand, model))
 
 
 def verify(

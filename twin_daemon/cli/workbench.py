@@ -79,7 +79,7 @@ def command(
     where = choose_endpoint(endpoint)
     silence_mujoco()
     library = Library(existing(recording), existing(folder) or [state_dir() / "recordings"])
-    shelf = Shelf(chosen, VersionStore(chosen.name), trajectory, joint_map)
+    shelf = Shelf(chosen, VersionStore.of(chosen), trajectory, joint_map)
     listener = listen(bind, port)
     token = new_token()
     shown = f"[{bind}]" if ":" in bind else bind

@@ -12,8 +12,6 @@ from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
 from twin_daemon.versions import Version, VersionStore
 
-NOMINAL = "nominal"
-
 
 class ModelSource:
     """Loads the model in use and notices when another version was promoted.
@@ -24,16 +22,13 @@ class ModelSource:
     def __init__(self, hand: Hand, version: str | None = None, store: VersionStore | None = None) -> None:
         self._hand = hand
         self._fixed = version
-        self.store = store or VersionStore(hand.name)
+        self.store = store or VersionStore.of(hand)
         self._loaded: str | None = None
         self._refused: str | None = None
 
     def load(self) -> tuple[TwinModel, dict[str, Any]]:
         """The model to run and what the version query says of it. Raises BadInput where it cannot be used."""
         reference = self._fixed if self._fixed is not None else self._promoted()
-        if reference == NOMINAL:
-            self._loaded = NOMINAL
-            return TwinModel.load(self._hand), {"id": NOMINAL, "kind": NOMINAL, "title": "the model as described"}
         version = self.store.get(reference)
         twin = TwinModel.load(self._hand, _terms(version))
         self._loaded = version.id
@@ -58,7 +53,7 @@ class ModelSource:
         return found
 
     def _promoted(self) -> str:
-        return self.store.aliases().get("current", NOMINAL)
+        return self.store.aliases()["current"]
 
     def answer(self, reference: str) -> dict[str, Any] | None:
         """What `versions/**` answers: all versions for "", else one of them, or None."""

@@ -5,9 +5,10 @@ from __future__ import annotations
 from .diff import ParameterChange, VersionDiff, diff
 from .shelf import Stored
 from .store import Note, VersionStore
-from .version import Draft, ParameterRecord, RecordingUsed, Version, promised_rad2, seal
+from .version import NOMINAL, Draft, ParameterRecord, RecordingUsed, Version, promised_rad2, seal
 
 __all__ = [
+    "NOMINAL",
     "Draft",
     "Note",
     "ParameterChange",

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from twin_daemon.errors import BadInput
 from twin_daemon.files import write_atomically
 from twin_daemon.versions.decisions import LAYOUT, Decision, refuse_newer
+from twin_daemon.versions.version import NOMINAL
 
 CURRENT, PREVIOUS, CANDIDATE = "current", "previous", "candidate"
 KEPT_PROMOTIONS = 100
@@ -19,8 +20,8 @@ KEPT_PROMOTIONS = 100
 class Aliases(BaseModel):
     """Where the names point after the decision number `sequence`.
 
-    `promoted` is a stack of ids: the last is current, the one below it previous. The candidate is what was stored as
-    such last and nobody decided about.
+    `promoted` is a stack of ids: the last is current, the one below it previous, and the nominal model lies under all.
+    The candidate is what was stored as such last and nobody decided about.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
@@ -32,7 +33,7 @@ class Aliases(BaseModel):
 
     def as_dict(self) -> dict[str, str]:
         """Every name that points somewhere, with its id."""
-        moving = dict(zip((CURRENT, PREVIOUS), reversed(self.promoted), strict=False))
+        moving = dict(zip((CURRENT, PREVIOUS), reversed((NOMINAL, *self.promoted)), strict=False))
         return {**moving, **self.names}
 
     def after(self, decision: Decision) -> Aliases:

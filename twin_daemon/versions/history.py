@@ -70,9 +70,10 @@ def promotions(store: VersionStore) -> list[Promotion]:
     out: list[Promotion] = []
     for version_id, at in standing:
         version = found.get(version_id)
-        if version is None or any(version_id == earlier.version.id for earlier in out):
+        made = at or (version.created if version is not None else None)
+        if version is None or made is None or any(version_id == earlier.version.id for earlier in out):
             continue  # promoting a version again is no new look at the hand
-        when = datetime.fromisoformat(at or version.created)
+        when = datetime.fromisoformat(made)
         out.append(Promotion(max(when, out[-1].at) if out else when, version, at is not None))
     return out
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from twin_daemon.versions.decisions import Decision
-from twin_daemon.versions.version import Version
+from twin_daemon.versions.version import NOMINAL, Version
 
 
 @dataclass(frozen=True)
@@ -18,11 +18,12 @@ class Branch:
 
 
 def tree(versions: Sequence[Version]) -> tuple[Branch, ...]:
-    """Versions (oldest first) as trees; a root was made from the nominal model or from a version that is gone."""
+    """Versions (oldest first) as trees; a root is the nominal version, or was made from one that is not among them."""
     known = {version.id for version in versions}
     children: dict[str | None, list[Version]] = {}
     for version in versions:
-        children.setdefault(version.parent if version.parent in known else None, []).append(version)
+        parent = None if version.id == NOMINAL else version.parent or NOMINAL
+        children.setdefault(parent if parent in known else None, []).append(version)
     built: dict[str, Branch] = {}
     stack = list(children.get(None, ()))
     while stack:  # without recursion: a chain may be longer than Python's stack

@@ -99,7 +99,7 @@ def _reasons(store: VersionStore, versions: list[Version], policy: Policy) -> di
     oldest_kept = store.now() - timedelta(days=policy.older_than_days)
     reasons: dict[str, str] = {}
     for version in versions:
-        if datetime.fromisoformat(version.created) >= oldest_kept:
+        if version.created is not None and datetime.fromisoformat(version.created) >= oldest_kept:
             reasons[version.id] = f"younger than {policy.older_than_days:g} days"
     newest = versions[max(0, len(versions) - policy.keep) :]
     reasons |= {version.id: f"among the newest {policy.keep}" for version in newest}

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from twin_daemon.errors import BadInput, nearest
 from twin_daemon.files import write_atomically
@@ -22,7 +23,10 @@ from twin_daemon.versions.index import Index
 from twin_daemon.versions.ledger import Ledger, order
 from twin_daemon.versions.locking import locked, machine_errors
 from twin_daemon.versions.shelf import ID, NAME, Shelf, Stored, Survey
-from twin_daemon.versions.version import Draft, Version, seal
+from twin_daemon.versions.version import NOMINAL, Draft, Version, nominal, seal
+
+if TYPE_CHECKING:
+    from twin_daemon.hand import Hand
 
 SHORTEST_PREFIX = 4
 HANDS = "hands"
@@ -37,9 +41,11 @@ class Note:
 
 
 class VersionStore:
-    """Versions of the hand called `hand`, stored under `root` (default: the state folder), plus the shipped ones.
+    """Versions of the hand called `hand`, stored under `root` (default: the state folder), the shipped ones, and
+    `nominal`, the model as described, which is in use while nothing else is and which no folder holds.
 
-    `now` is the clock that decisions and versions are stamped with (UTC); nothing is ordered by it.
+    `now` is the clock that decisions and versions are stamped with (UTC); nothing is ordered by it. `described` gives
+    the MJCF text of the nominal model; `VersionStore.of` knows it.
     """
 
     def __init__(
@@ -48,12 +54,14 @@ class VersionStore:
         root: Path | None = None,
         shipped: Path | None = None,
         now: Callable[[], datetime] = lambda: datetime.now(UTC),
+        described: Callable[[], str] | None = None,
     ) -> None:
         if not NAME.fullmatch(hand):
             raise BadInput(f"'{hand}' cannot name a folder of versions", allowed="letters, digits and _.-")
         self.hand = hand
         self.root = root if root is not None else state_dir() / HANDS / hand
         self.now = now
+        self._described = described
         self.index = Index(self.root)
         self.ledger = Ledger(self.root, now, self.index)
         self.shelf = Shelf(
@@ -62,6 +70,17 @@ class VersionStore:
             shipped if shipped is not None else models_dir() / hand / "versions",
             self.index,
         )
+
+    @classmethod
+    def of(cls, hand: Hand) -> VersionStore:
+        """The versions of a hand in the state folder."""
+
+        def described() -> str:
+            from twin_daemon.simulation.twin import TwinModel  # only who asks for the model needs the engine
+
+            return TwinModel.load(hand).mjcf()
+
+        return cls(hand.name, described=described)
 
     # -- writing
 
@@ -119,9 +138,10 @@ class VersionStore:
         return version
 
     def rollback(self, expected: str | None = None) -> Version:
-        """Make the previous version current again. Raises BadInput if there is none, or if it is damaged.
+        """Make the previous version current again; below the first promotion lies the nominal model, where it ends.
 
-        With `expected` (an id) nothing moves unless that version is current: whoever found it bad may be late.
+        Raises BadInput where the previous version is damaged. With `expected` (an id) nothing moves unless that version
+        is current: whoever found it bad may be late.
         """
         with self.writing():
             names = self.aliases()
@@ -130,11 +150,7 @@ class VersionStore:
                     f"{expected[:12]} is not current any more", where=f"versions of {self.hand}", todo="Nothing to do"
                 )
             if PREVIOUS not in names:
-                raise BadInput(
-                    "there is no previous version to go back to",
-                    where=f"versions of {self.hand}",
-                    todo="See 'twin versions list'",
-                )
+                return self.get(NOMINAL)
             version = self._usable(names[PREVIOUS])
             self.ledger.decide("rolled_back", version=version.id)
         return version
@@ -152,11 +168,14 @@ class VersionStore:
 
     def get(self, reference: str) -> Version:
         """The version that an id, the start of one, an alias or a shipped name stands for, verified."""
-        return self.shelf.read(self.resolve(reference)).version
+        stored = self.resolve(reference)
+        return nominal(self.hand) if stored.id == NOMINAL else self.shelf.read(stored).version
 
     def model(self, reference: str) -> str:
         """The MJCF text of a version, verified. Raises BadInput for a stub."""
         stored = self.resolve(reference)
+        if stored.id == NOMINAL:
+            return self._nominal_model()
         contents = self.shelf.read(stored)
         if contents.mjcf is None:
             raise BadInput(
@@ -166,13 +185,16 @@ class VersionStore:
             )
         return contents.mjcf
 
-    def current(self) -> Version | None:
-        """The version in use; None while nothing was promoted (the nominal model is in use)."""
-        current = self.aliases().get(CURRENT)
-        return None if current is None else self.get(current)
+    def current(self) -> Version:
+        """The version in use: the nominal one while nothing else was promoted."""
+        return self.get(CURRENT)
+
+    def last_promoted(self) -> Version | None:
+        """The version in use, where somebody decided that it is; None before the first promotion."""
+        return self.current() if self.ledger.aliases().promoted else None
 
     def list(self) -> list[Version]:
-        """Every version that can be read, oldest first."""
+        """Every version that can be read, the nominal one first, then the oldest."""
         return self.survey()[0]
 
     def survey(self) -> tuple[list[Version], list[str]]:
@@ -185,12 +207,14 @@ class VersionStore:
 
     def everything(self, *, trust: bool = True) -> Survey:
         """What `survey` says, with what is a stub. Without `trust` every file is read."""
-        return self.shelf.survey(trust=trust)
+        found = self.shelf.survey(trust=trust)
+        return replace(found, versions={NOMINAL: nominal(self.hand), **found.versions})
 
     def in_order(self, found: Survey) -> list[Version]:
-        """Oldest first by when they were stored here; shipped and unlogged ones before, by when they were made."""
+        """Oldest first by when they were stored here; before them the nominal one, then shipped and unlogged ones by
+        when they were made."""
         first = order(self.decisions().decisions)
-        return sorted(found.versions.values(), key=lambda v: (*first.get(v.id, (0, 0)), v.created, v.id))
+        return sorted(found.versions.values(), key=lambda v: (*first.get(v.id, (0, 0)), v.created or "", v.id))
 
     def decisions(self) -> DecisionLog:
         """Everything that was done to the versions of this hand, in order."""
@@ -206,7 +230,7 @@ class VersionStore:
 
     def all_names(self) -> dict[str, list[str]]:
         """Aliases and shipped names by the id that they stand for."""
-        pairs = [(target, alias) for alias, target in self.aliases().items()]
+        pairs = [(NOMINAL, NOMINAL), *((target, alias) for alias, target in self.aliases().items())]
         pairs += [(s.id, s.name) for s in self.shelf.everything() if s.name]
         found: dict[str, list[str]] = {}
         for version_id, name in pairs:
@@ -222,18 +246,20 @@ class VersionStore:
         return found
 
     def shipped(self, version_id: str) -> bool:
-        """Whether a version came with the package."""
+        """Whether nobody made a version here."""
         return version_id in self.all_shipped()
 
     def all_shipped(self) -> set[str]:
-        """The versions that came with the package."""
-        return {stored.id for stored in self.shelf.everything() if stored.shipped}
+        """The versions that nobody made here: those that came with the package, and the nominal one."""
+        return {NOMINAL, *(stored.id for stored in self.shelf.everything() if stored.shipped)}
 
     def resolve(self, reference: str) -> Stored:
         """Where the version is that a reference stands for. Raises BadInput when there is none, or more than one."""
         aliases = self.aliases()
+        if aliases.get(reference, reference) == NOMINAL:
+            return Stored(NOMINAL, self.root, NOMINAL)
         if reference in (CURRENT, PREVIOUS, CANDIDATE) and reference not in aliases:
-            todo = "Promote one: 'twin versions promote ID'"
+            todo = "The nominal model is in use, and nothing was before it"
             if reference == CANDIDATE:
                 todo = "Every stored one was decided about. 'twin calibrate' makes one; 'twin versions list' shows all"
             raise BadInput(f"no version of {self.hand} is {reference} now", todo=todo)
@@ -249,7 +275,7 @@ class VersionStore:
             raise BadInput(
                 f"'{reference}' stands for several versions of {self.hand}", allowed=ids, todo="Give more of the id"
             )
-        known = [*aliases, *(s.name for s in everything if s.name), *(s.id[:12] for s in everything)]
+        known = [NOMINAL, *aliases, *(s.name for s in everything if s.name), *(s.id[:12] for s in everything)]
         hint = nearest(reference, known)
         todo = f"{hint}{'' if hint.endswith('?') else '.'} See 'twin versions list'"
         raise BadInput(f"no version '{reference}' of {self.hand}", todo=todo)
@@ -282,15 +308,22 @@ class VersionStore:
     def _own_by_age(self) -> list[str]:
         own = {stored.id for stored in self.shelf.own()}
         versions = (version for key, version in self.shelf.survey().versions.items() if key in own)
-        made = {version.id: version.created for version in versions}
+        made = {version.id: version.created or "" for version in versions}
         return sorted(made, key=lambda version_id: (made[version_id], version_id))
 
     def _usable(self, reference: str) -> Version:
         """A version with its model, which is what a name may point at."""
-        self.model(reference)
-        return self.get(reference)
+        version = self.get(reference)
+        if version.id != NOMINAL:  # whose model is the description's, which a daemon could not run without
+            self.model(version.id)
+        return version
+
+    def _nominal_model(self) -> str:
+        if self._described is None:
+            raise BadInput(f"the nominal model of {self.hand} is in its description", todo="Name it with --hand")
+        return self._described()
 
 
 def _must_be_free(alias: str) -> None:
-    if alias in (CURRENT, PREVIOUS) or not NAME.fullmatch(alias) or ID.fullmatch(alias):
+    if alias in (CURRENT, PREVIOUS, NOMINAL) or not NAME.fullmatch(alias) or ID.fullmatch(alias):
         raise BadInput(f"'{alias}' cannot be set", allowed="candidate, or a name of your own")

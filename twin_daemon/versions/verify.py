@@ -13,6 +13,7 @@ from twin_daemon.versions.ledger import remembered, replay
 from twin_daemon.versions.lineage import gone
 from twin_daemon.versions.shelf import Survey
 from twin_daemon.versions.store import VersionStore
+from twin_daemon.versions.version import NOMINAL
 
 log = logging.getLogger("twin")
 
@@ -54,7 +55,7 @@ def verify(store: VersionStore, *, rebuild: bool = False) -> Verification:
     problems += _names(store, found, decided.decisions)
     return Verification(
         hand=store.hand,
-        intact=tuple(version.id for version in store.in_order(found)),
+        intact=tuple(version.id for version in store.in_order(found) if version.id != NOMINAL),
         stubs=tuple(sorted(found.stubs)),
         pruned=tuple(sorted(key for key, why in gone(decided.decisions).items() if why == "pruned")),
         decisions=len(decided.decisions),

@@ -16,6 +16,7 @@ import twin_daemon
 from twin_daemon.jsonable import canonical, plain
 
 VERSION_SCHEMA = 1  # of version.json: what `Version` reads, written into each one
+NOMINAL = "nominal"  # the id of the version that sets nothing: the model as the hand's description has it
 
 
 class _Strict(BaseModel):
@@ -78,12 +79,15 @@ class Draft(_Strict):
 
 
 class Version(Draft):
-    """A stored version. `id` is the SHA-256 of everything else but `created`: it cannot change and keep its name."""
+    """A version. `id` is the SHA-256 of everything else but `created`: it cannot change and keep its name.
+
+    The nominal one is not stored: its id is its name, and it is what the hand's description is at the moment.
+    """
 
     format: Literal[1] = Field(default=VERSION_SCHEMA, alias="schema")
-    id: str = Field(pattern=r"^[0-9a-f]{64}$")
-    created: str = Field(description="UTC, ISO 8601")
-    mjcf_sha256: str
+    id: str = Field(pattern=rf"^([0-9a-f]{{64}}|{NOMINAL})$")
+    created: str | None = Field(description="UTC, ISO 8601; null for the nominal one, which nobody made")
+    mjcf_sha256: str | None = Field(description="null for the nominal one, whose model the description names")
     program: dict[str, str] = Field(description="program versions that made it")
 
     def as_json(self) -> dict[str, Any]:
@@ -97,6 +101,20 @@ class Version(Draft):
     @property
     def short_id(self) -> str:
         return self.id[:12]
+
+
+def nominal(hand: str) -> Version:
+    """The version of a hand that sets nothing."""
+    return Version(
+        hand=hand,
+        kind=NOMINAL,
+        title="the model as described",
+        terms={"schema": 1, "parameters": {}, "effects": []},
+        id=NOMINAL,
+        created=None,
+        mjcf_sha256=None,
+        program=program_versions(),
+    )
 
 
 def content_id(content: dict[str, Any]) -> str:

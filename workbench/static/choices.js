@@ -10,8 +10,10 @@ function fill(select, options) {
   if (options.some(([value]) => value === before)) select.value = before;
 }
 
-export const versionText = (version) => [version.id.slice(0, 12), (version.title || version.kind).slice(0, 60),
-  version.names.length ? `(${version.names.join(", ")})` : ""].filter(Boolean).join(" ");
+// Every name that points at a version; a name that is the id says nothing more.
+export const named = (version) => version.names.filter((name) => name !== version.id).join(", ");
+
+export const versionText = (version) => [version.id.slice(0, 12), (version.title || version.kind).slice(0, 60), named(version) && `(${named(version)})`].filter(Boolean).join(" ");
 
 async function recordings() {
   known.recordings = (await read("/api/recordings")).recordings;
@@ -23,11 +25,11 @@ async function recordings() {
 
 async function versions() {
   Object.assign(known, await read("/api/versions"));
-  const all = [["nominal", "nominal: the model as described"], ...known.versions.map((one) => [one.id, versionText(one)])];
+  const all = known.versions.map((one) => [one.id, versionText(one)]);
   const fresh = element("version-a").options.length === 0;
-  for (const id of ["version-a", "learn-version", "diff-before", "diff-after"]) fill(element(id), id.startsWith("diff") ? all.slice(1) : all);
+  for (const id of ["version-a", "learn-version", "diff-before", "diff-after"]) fill(element(id), all);
   fill(element("version-b"), [["", "no other"], ...all]);
-  if (fresh) for (const id of ["version-a", "learn-version"]) element(id).value = known.aliases.current ?? "nominal";
+  if (fresh) for (const id of ["version-a", "learn-version"]) element(id).value = known.aliases.current;
   dispatchEvent(new Event("versions-listed"));
 }
 

@@ -1,5 +1,5 @@
 // The history view: the tree of versions, what differs, parameters over time, promote and roll back.
-import { known } from "./choices.js";
+import { known, named } from "./choices.js";
 import { show as figure } from "./figures.js";
 import { element, made, needsAllowance, number, post, read, row, say, works } from "./page.js";
 
@@ -35,12 +35,12 @@ export const exporting = (id) => made("a", { href: `/api/versions/export?version
 
 function list() {
   const { current } = known.aliases;
-  element("current").textContent = current ? `In use: ${current.slice(0, 12)}.` : "In use: the nominal model; nothing was promoted yet.";
+  element("current").textContent = `In use: ${current.slice(0, 12)}.`;
   element("problems").textContent = known.problems.length ? `Damaged: ${known.problems.join(" ")}` : "";
   element("versions").replaceChildren(...known.versions.map((one) => {
-    const names = [...one.names, one.shipped ? "shipped" : ""].filter(Boolean).join(", ");
+    const names = [named(one), one.shipped ? "shipped" : ""].filter(Boolean).join(", ");
     const line = row(`${"  ".repeat(one.depth)}${one.depth ? "└ " : ""}${one.id.slice(0, 12)}`, one.title || one.kind, names,
-      number(one.errors.before), number(one.errors.after), number(one.errors.holdout_after), new Date(one.created).toLocaleString(),
+      number(one.errors.before), number(one.errors.after), number(one.errors.holdout_after), one.created ? new Date(one.created).toLocaleString() : "-",
       made("span", {}, one.id === current ? "in use " : promoting(one.id), " ", exporting(one.id)));
     for (const index of [1, 2, 6]) line.children[index].className = "";
     line.classList.toggle("current", one.id === current);
