@@ -100,7 +100,7 @@ class Stream:
         self.watch = Watch(self.gate.limits, self.dt_s, preview, settings.collision_depth_m)
         self.joints = twin.joints
         self.hand = twin.hand
-        self.now_s, self.wall_ns, self.sequence = 1000.0, 10**18, 0
+        self.now_s, self.wall_ns, self.sequence, self.lease = 1000.0, 10**18, 0, ""
         self.pose = np.zeros(len(twin.joints))
         self.heard_s = np.full(len(twin.joints), -np.inf)
         self.mute_until_s = 0.0
@@ -169,12 +169,17 @@ class Stream:
         verb = likely if likely and rng.random() < 0.5 else str(rng.choice(verbs, p=weights / weights.sum()))
         who = PEOPLE[0] if rng.random() < 0.8 else PEOPLE[int(rng.integers(len(PEOPLE)))]
         self.sequence += 1
-        common = {
+        common: dict[str, Any] = {
             "session": "s" if rng.random() < 0.98 else "old",
             "sequence": self.sequence if rng.random() < 0.97 else int(rng.integers(0, self.sequence)),
             "stamp_ns": self.wall_ns + int(rng.choice([0, 0, 0, 0, 0, 0, 0, 0, 0, 10**10]) * rng.choice([-1, 1])),
         }
+        if verb not in ("stop", "release") and rng.random() < 0.99:
+            common["lease"] = self.lease
+        if rng.random() < 0.005:
+            common["sequence"] = 2**63 - 1
         answer = self.gate.ask(verb, self._request(verb, common), who, self.now_s, self.wall_ns)
+        self.lease = answer.get("lease", self.lease)
         self.answers["accepted" if answer["accepted"] else str(answer["check"])] += 1
 
     def _request(self, verb: str, common: dict[str, Any]) -> Request:

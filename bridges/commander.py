@@ -31,6 +31,15 @@ class Commander:
         self._description = description
         self._signer = Signer(keyring, name)
 
+    @property
+    def lease(self) -> str:
+        """What the reply to an arming told; "" without one. Requests that need it carry it."""
+        return self._signer.lease
+
+    @lease.setter
+    def lease(self, lease: str) -> None:
+        self._signer.lease = lease
+
     def status(self, timeout_s: float = _PATIENCE_S) -> dict[str, Any]:
         """The gate's state. Raises NoAnswer where no daemon is."""
         found = self._get("status", b"", None, timeout_s)
@@ -43,7 +52,9 @@ class Commander:
         if not self._signer.session:
             self.status(timeout_s)
         payload, proof = self._signer.signed(verb, body)
-        return self._get(verb, payload, proof, timeout_s)
+        answer = self._get(verb, payload, proof, timeout_s)
+        self._signer.learn(answer)
+        return answer
 
     def stream(self, publisher: zenoh.Publisher, targets: dict[str, float]) -> None:
         """Puts one target of a stream, rad by joint or command. Call `status` once before."""

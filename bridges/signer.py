@@ -10,22 +10,27 @@ from typing import Any
 
 from twin_daemon.gate.identity import Keyring
 
+_WITHOUT_LEASE = ("stop", "release", "recalibrate")
+
 
 class Signer:
     """Makes requests in the name of `name`; without a keyring anonymous ones. Safe to use from several threads.
 
-    `session` is the gate's own name for its present life, "" until the gate has told it.
+    `session` is the gate's own name for its present life, "" until the gate has told it. `lease` is what the reply to
+    an arming told: requests that need it carry it.
     """
 
     def __init__(self, keyring: Keyring | None = None, name: str = "") -> None:
         self.session = ""
+        self.lease = ""
         self._keyring = keyring
         self._name = name
         self._sequence = 0
         self._lock = threading.Lock()
 
     def learn(self, told: Mapping[str, Any]) -> None:
-        """Takes the gate's session from its status, or from a reply, which carries it."""
+        """Takes the gate's session from its status, or from a reply, which carries it, and the lease of an arming."""
+        self.lease = str(told.get("lease") or self.lease)
         status = told.get("gate") or told
         self.session = str(status.get("session") or self.session)
 
@@ -34,11 +39,13 @@ class Signer:
         with self._lock:
             now_ns = time.time_ns()
             self._sequence = max(now_ns, self._sequence + 1)
-            own = {
+            own: dict[str, Any] = {
                 "session": self.session,
                 "sequence": self._sequence,
                 "stamp_ns": now_ns if stamp_ns is None else stamp_ns,
             }
+            if self.lease and verb not in _WITHOUT_LEASE:
+                own["lease"] = self.lease
         payload = json.dumps({**own, **body}).encode()
         if self._keyring is None:
             return payload, None

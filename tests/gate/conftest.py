@@ -30,6 +30,7 @@ class Rig:
         self.pose = np.clip(np.zeros(len(twin.joints)), ranges[:, 0], ranges[:, 1])
         self.now_s, self.wall_ns, self.sequence = 50.0, 10**18, 0
         self.speaks = True
+        self.lease = ""
         self.effort: dict[str, float] = {}
         self.hear()
 
@@ -38,8 +39,10 @@ class Rig:
 
     def ask(self, verb: str, who: Who | None = ANN, **body: Any) -> dict[str, Any]:
         self.sequence += 1
-        given = {"session": "now", "sequence": self.sequence, "stamp_ns": self.wall_ns, **body}
-        return self.gate.ask(verb, KINDS[verb](**given), who, self.now_s, self.wall_ns)
+        stamps = {"session": "now", "sequence": self.sequence, "stamp_ns": self.wall_ns, "lease": self.lease}
+        answer = self.gate.ask(verb, KINDS[verb](**(stamps | body)), who, self.now_s, self.wall_ns)
+        self.lease = answer.get("lease", self.lease)
+        return answer
 
     def arm(self, who: Who = ANN, **body: Any) -> None:
         assert self.ask("arm", who, reason="a test", **body)["accepted"]

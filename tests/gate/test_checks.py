@@ -54,14 +54,14 @@ SCENARIOS: dict[tuple[str, str], Scenario] = {
     ("has_reason", "arm"): lambda rig: rig.ask("arm", reason="  "),
     ("hand_is_heard", "arm"): lambda rig: silent(rig).ask("arm", reason="x"),
     ("armed_by_asker", "disarm"): lambda rig: armed(rig).ask("disarm", BOB),
-    ("armed_by_asker", "beat"): lambda rig: armed(rig).ask("beat", BOB),
+    ("holds_the_lease", "beat"): lambda rig: armed(rig).ask("beat", BOB),
     ("is_stopped", "release"): lambda rig: rig.ask("release", reason="x"),
     ("has_reason", "release"): lambda rig: stopped(rig).ask("release", reason=""),
     **{
         (check, verb): scenario
         for verb in ("move", "target")
         for check, scenario in {
-            "armed_by_asker": lambda rig, verb=verb: armed(rig).ask(verb, BOB, targets=SMALL),
+            "holds_the_lease": lambda rig, verb=verb: armed(rig).ask(verb, BOB, targets=SMALL),
             "something_asked": lambda rig, verb=verb: armed(rig).ask(verb, targets={}),
             "finite": lambda rig, verb=verb: armed(rig).ask(verb, targets={"rh_FFJ3": float("nan")}),
             "joints_are_heard": lambda rig, verb=verb: one_joint_silent(rig).ask(verb, targets=SMALL),
@@ -72,7 +72,7 @@ SCENARIOS: dict[tuple[str, str], Scenario] = {
     ("no_collision", "target"): lambda rig: near_collision(rig).ask("target", targets={"rh_FFJ4": 0.25}),
     ("not_too_fast", "move"): lambda rig: armed(rig).ask("move", targets={"rh_FFJ3": 1.5}, seconds=0.1),
     ("no_jump", "target"): lambda rig: armed(rig).ask("target", targets={"rh_FFJ3": 0.6}),
-    ("armed_by_asker", "trajectory"): lambda rig: armed(rig).ask("trajectory", BOB, **plan([[0.0], [0.3]])),
+    ("holds_the_lease", "trajectory"): lambda rig: armed(rig).ask("trajectory", BOB, **plan([[0.0], [0.3]])),
     ("finite", "trajectory"): lambda rig: armed(rig).ask("trajectory", **plan([[0.0], [float("inf")]])),
     ("joints_are_heard", "trajectory"): lambda rig: one_joint_silent(rig).ask("trajectory", **plan([[0.0], [0.3]])),
     ("inside_bounds", "trajectory"): lambda rig: armed(rig).ask("trajectory", **plan([[0.0], [1.7]])),

@@ -224,6 +224,6 @@ def test_of_a_request_that_comes_twice_at_once_only_the_first_counts(rig: Rig) -
     request = KINDS["beat"]
     with ThreadPoolExecutor(8) as pool:
         for sequence in range(100, 200):
-            same = request(session="now", sequence=sequence, stamp_ns=rig.wall_ns)
+            same = request(session="now", sequence=sequence, stamp_ns=rig.wall_ns, lease=rig.lease)
             asked = [pool.submit(rig.gate.ask, "beat", same, ANN, rig.now_s, rig.wall_ns) for _ in range(8)]
             assert sum(one.result()["accepted"] for one in asked) == 1

@@ -203,3 +203,35 @@ def test_a_run_that_is_stopped_half_way_keeps_what_it_has(scene: Scene, state_di
     assert scene.twin.run("check", "--recording", str(kept[0]))[0] == 0
     assert scene.commander().status()["mode"] == "stopped"
     assert "candidate" not in json.loads(scene.twin.run("versions", "list", "--json", "-")[1])["aliases"]
+
+
+def test_two_sessions_of_one_name_do_not_share_the_hand(scene: Scene, until: Any) -> None:
+    """Each 'twin command' is a process of its own, and goes on with the lease of the one that armed."""
+    holder = scene.armed(until)
+    code, _, err = scene.twin.run("command", "arm", "--reason", "mine")
+    assert code == 4
+    assert "another session" in err
+    second = scene.commander()
+    assert second.ask("move", targets={"rh_FFJ3": 0.5})["check"] == "lease"
+    assert holder.ask("move", targets={"rh_FFJ3": 1.4}, seconds=60.0)["accepted"]
+    until(lambda: scene.sent)
+    ended: list[Any] = []
+    # the holder is silent from here; the second session beats, streams and asks for whatever it may
+    publisher = second.stream_to()
+
+    def over() -> bool:
+        second.ask("beat")
+        second.ask("recalibrate")
+        second.stream(publisher, {"rh_FFJ3": 0.1})
+        ended.append(second.status()["ended"])
+        return ended[-1]
+
+    assert "silent" in until(over, 20.0)
+    publisher.undeclare()
+    assert second.ask("arm", reason="now it is free", sequence=2**63 - 1)["check"] == "order"
+    assert second.ask("arm", reason="now it is free")["accepted"]
+    assert scene.twin.run("command", "disarm")[0] == 0  # a lost session is ended in its name
+    assert scene.twin.run("command", "arm", "--reason", "mine")[0] == 0
+    assert scene.twin.run("command", "arm", "--reason", "longer", "--renew", "--lease", "100")[0] == 0
+    assert scene.twin.run("command", "move", "rh_FFJ3=0.2")[0] == 0
+    assert holder.ask("move", targets={"rh_FFJ3": 0.5})["check"] == "lease"

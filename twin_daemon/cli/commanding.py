@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from twin_daemon.cli.leases import kept_lease, lease_file
 from twin_daemon.cli.run import load_named
 from twin_daemon.errors import Refused
 from twin_daemon.resources import state_dir
@@ -44,9 +45,16 @@ class Desk:
 
 @contextlib.contextmanager
 def at_the_desk(
-    hand: str | None, model: Path | None, namespace: str | None, endpoint: str | None, name: str
+    hand: str | None,
+    model: Path | None,
+    namespace: str | None,
+    endpoint: str | None,
+    name: str,
+    *,
+    with_lease: bool = False,
 ) -> Iterator[Desk]:
-    """Connects to the daemon in the name of an identity. Raises NoAnswer, and BadInput for keys that are not there."""
+    """Connects to the daemon in the name of an identity, and with the lease of an earlier 'twin command arm' where that
+    is asked for. Raises NoAnswer, and BadInput for keys that are not there."""
     from bridges.client import connect
     from bridges.commander import Commander
     from bridges.session import choose_endpoint
@@ -57,7 +65,10 @@ def at_the_desk(
     path = keys_file(state_dir())
     keyring = load_keyring(path)
     with connect(address, _PATIENCE_S, name) as session:
-        yield Desk(chosen, session, Commander(session, chosen.description, keyring, name))
+        commander = Commander(session, chosen.description, keyring, name)
+        if with_lease:
+            commander.lease = kept_lease(lease_file(chosen.description.namespace, name))
+        yield Desk(chosen, session, commander)
 
 
 def accepted(answer: dict[str, Any]) -> dict[str, Any]:

@@ -10,6 +10,7 @@ import typer
 from twin_daemon.cli.command import Group
 from twin_daemon.cli.commanding import As, Reason, accepted, at_the_desk, body_of, see_through
 from twin_daemon.cli.console import emit_json, people, plain_text, progress_console
+from twin_daemon.cli.leases import keep_lease, lease_file
 from twin_daemon.cli.options import HandName, Json, Model
 from twin_daemon.cli.run import Endpoint, Namespace, load_named
 from twin_daemon.errors import UsageError
@@ -27,6 +28,7 @@ _OPERATOR = "operator"
 def arm(
     reason: Reason = "",
     lease: Annotated[float | None, typer.Option("--lease", metavar="S", min=0.1, help="How long it may last.")] = None,
+    renew: Annotated[bool, typer.Option("--renew", help="Go on with the lease that you armed before.")] = False,
     name: As = _OPERATOR,
     hand: HandName = None,
     model: Model = None,
@@ -34,9 +36,12 @@ def arm(
     endpoint: Endpoint = None,
     json: Json = None,
 ) -> None:
-    """Let commands through, for a reason and for a time. One commander at once."""
-    with at_the_desk(hand, model, namespace, endpoint, name) as desk:
+    """Let commands through, for a reason and for a time. One commander at once, in one session: another one in the
+    same name waits until the lease ends. The 'twin command's that follow share it."""
+    with at_the_desk(hand, model, namespace, endpoint, name, with_lease=renew) as desk:
         answer = desk.commander.ask("arm", reason=reason, **({} if lease is None else {"lease_s": lease}))
+        if answer["accepted"]:
+            keep_lease(lease_file(desk.hand.description.namespace, name), desk.commander.lease)
     left_s = answer["gate"]["lease_left_s"] if answer["accepted"] else 0.0
     _tell(answer, json, f"armed for {left_s or 0.0:.0f} s")
 
@@ -51,7 +56,7 @@ def disarm(
     json: Json = None,
 ) -> None:
     """End the lease. What moves comes to rest; the hand holds."""
-    with at_the_desk(hand, model, namespace, endpoint, name) as desk:
+    with at_the_desk(hand, model, namespace, endpoint, name, with_lease=True) as desk:
         answer = desk.commander.ask("disarm")
     _tell(answer, json, "disarmed; the hand holds where it is")
 
@@ -72,7 +77,7 @@ def move(
 ) -> None:
     """Move some joints smoothly to their targets, and wait until they are there. Ctrl-C ends the motion."""
     body: dict[str, Any] = {"targets": _targets(targets), "dry_run": dry_run}
-    with at_the_desk(hand, model, namespace, endpoint, name) as desk:
+    with at_the_desk(hand, model, namespace, endpoint, name, with_lease=True) as desk:
         _motion(desk, "move", body | ({} if seconds is None else {"seconds": seconds}), json)
 
 
@@ -91,7 +96,7 @@ def trajectory(
     from twin_daemon.signals.trajectory import load_trajectory
 
     plan = load_trajectory(reference, load_named(hand, model, namespace))
-    with at_the_desk(hand, model, namespace, endpoint, name) as desk:
+    with at_the_desk(hand, model, namespace, endpoint, name, with_lease=True) as desk:
         _motion(desk, "trajectory", {**body_of(plan.by_command(desk.hand)), "dry_run": dry_run}, json)
 
 

@@ -40,6 +40,8 @@ class Situation:
 
     mode: str  # read_only, armed, stopped
     commander: str | None
+    held: bool  # the request carries the lease that is held
+    lease_left_s: float
     stopped_because: str | None
     session: str
     last_sequence: int
@@ -58,6 +60,8 @@ class Asked:
     session: str = ""
     sequence: int = 0
     age_s: float = 0.0
+    ahead_s: float = -np.inf  # of the sequence, read as a time in ns, before the gate's clock
+    lease: str = field(default="", repr=False)
     reason: str = ""
     lease_s: float = 0.0
     targets: Mapping[str, float] = field(default_factory=dict)
@@ -88,11 +92,14 @@ def of_this_session(asked: Asked, situation: Situation) -> Refusal | None:
 
 
 def in_order(asked: Asked, situation: Situation) -> Refusal | None:
-    if asked.sequence > situation.last_sequence:
+    if asked.sequence <= situation.last_sequence:
+        why = f"request {asked.sequence} came after {situation.last_sequence}"
+        return Refusal("order", why, "a sequence that grows with each")
+    if asked.ahead_s <= situation.settings.command_age_s:
         return None
-    return Refusal(
-        "order", f"request {asked.sequence} came after {situation.last_sequence}", "a sequence that grows with each"
-    )
+    # it would leave no number for the requests that follow in this name
+    why = f"the sequence {asked.sequence} is too large"
+    return Refusal("order", why, "a count, or the time in ns: no more than the present one")
 
 
 def recent(asked: Asked, situation: Situation) -> Refusal | None:
@@ -122,9 +129,14 @@ def has_reason(asked: Asked, _: Situation) -> Refusal | None:
 
 def nobody_else(asked: Asked, situation: Situation) -> Refusal | None:
     holder = situation.commander
-    if holder is None or (asked.who is not None and asked.who.name == holder):
+    if holder is None or situation.held:
         return None
-    return Refusal("commander", f"{holder} has armed the hand", f"to wait until {holder} disarms, or to stop it")
+    mine = asked.who is not None and asked.who.name == holder
+    return Refusal(
+        "commander",
+        f"{holder} has armed the hand{' in another session' if mine else ''}, for {situation.lease_left_s:.0f} s more",
+        f"to wait until {'that lease ends' if mine else f'{holder} disarms'}, or to stop it",
+    )
 
 
 def hand_is_heard(_: Asked, situation: Situation) -> Refusal | None:
@@ -134,7 +146,18 @@ def hand_is_heard(_: Asked, situation: Situation) -> Refusal | None:
     return Refusal("heard", _silence("the hand", age_s), f"{situation.settings.state_timeout_s:g} s at most")
 
 
+def holds_the_lease(asked: Asked, situation: Situation) -> Refusal | None:
+    """Of two sessions in one name only the one that armed commands, and only it says that it is there."""
+    if situation.held:
+        return None
+    if armed_by_asker(asked, situation) is None:
+        why = f"{situation.commander} has armed the hand in another session, and the request does not carry its lease"
+        return Refusal("lease", why, "the lease that the reply to arm tells")
+    return armed_by_asker(asked, situation)
+
+
 def armed_by_asker(asked: Asked, situation: Situation) -> Refusal | None:
+    """A lease whose session is lost can be ended in the same name: to disarm makes safe."""
     if situation.mode == "armed" and asked.who is not None and asked.who.name == situation.commander:
         return None
     return Refusal("armed", "the hand is not armed by you", "arm first, with a reason")
@@ -229,13 +252,13 @@ IDENTITY: tuple[Check, ...] = (identity_proved, may_command, of_this_session, in
 ALLOWED: dict[str, tuple[Check, ...]] = {
     "arm": (not_stopped, nobody_else, has_reason, hand_is_heard),
     "disarm": (armed_by_asker,),
-    "beat": (armed_by_asker,),
+    "beat": (holds_the_lease,),
     "stop": (),
     "release": (is_stopped, has_reason),
     "recalibrate": (),
-    "move": (not_stopped, armed_by_asker),
-    "trajectory": (not_stopped, armed_by_asker),
-    "target": (not_stopped, armed_by_asker),
+    "move": (not_stopped, holds_the_lease),
+    "trajectory": (not_stopped, holds_the_lease),
+    "target": (not_stopped, holds_the_lease),
 }
 """Whether the gate's mode allows it."""
 PLANNED: tuple[Check, ...] = (something_asked, finite, joints_are_heard, inside_bounds)

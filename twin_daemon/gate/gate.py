@@ -21,6 +21,7 @@ from twin_daemon.errors import BadInput
 from twin_daemon.gate.checks import ALLOWED, IDENTITY, MOTION, Asked, Refusal, Situation, first_refusal, identity_proved
 from twin_daemon.gate.identity import Who
 from twin_daemon.gate.latch import Latch
+from twin_daemon.gate.lease import Lease, Sequences
 from twin_daemon.gate.limits import limits_of
 from twin_daemon.gate.motion import Motion, commands_of, row_of
 from twin_daemon.gate.planning import Planner
@@ -74,14 +75,13 @@ class Gate:
         self._shaper = Shaper(self.limits)
         self._trips = Trips(settings)
         self._mode = "read_only"
-        self._commander: str | None = None
-        self._reason = self._ended = ""
+        self._lease: Lease | None = None
+        self._sequences = Sequences()
+        self._ended = ""
         self._latch = latch
         if latch is not None and latch.why is not None:
             self._mode, self._ended = "stopped", latch.why
-        self._until_s = self._beat_s = -np.inf
         self._generation = 0
-        self._sequences: dict[str, int] = {}
         self._motion: Motion | None = None
         self._last_turn_s: float | None = None
         self._sent: deque[int] = deque(maxlen=_REMEMBERED)
@@ -127,12 +127,10 @@ class Gate:
         """Whether a request is accepted, and why not. None for `who` is somebody whose proof was wrong."""
         # planning takes time, and a stop must not wait for it
         with self._asking if verb in MOTION else contextlib.nullcontext():
-            age_s = (wall_ns - request.stamp_ns) * 1e-9
-            reason, lease_s = getattr(request, "reason", ""), getattr(request, "lease_s", None)
-            asked = Asked(verb, who, request.session, request.sequence, age_s, reason, lease_s or self.settings.lease_s)
+            asked = self._asked(verb, request, who, wall_ns)
             dry = isinstance(request, (Move, Follow)) and request.dry_run
             with self._lock:
-                situation, generation = self._situation(who, now_s), self._generation
+                situation, generation = self._situation(asked, now_s), self._generation
                 measured, planner = self._senses.pose, self._planner
                 refusal = self._identified(asked, situation, dry)
             if refusal is None and not dry:
@@ -163,6 +161,24 @@ class Gate:
             return {"latch_kept": False, "latch_why": lost}
         return {"latch_kept": True, "latch_why": None}
 
+    def _asked(self, verb: str, request: Request, who: Who | None, wall_ns: int) -> Asked:
+        return Asked(
+            verb=verb,
+            who=who,
+            session=request.session,
+            sequence=request.sequence,
+            age_s=(wall_ns - request.stamp_ns) * 1e-9,
+            ahead_s=(request.sequence - wall_ns) * 1e-9,
+            lease=request.lease,
+            reason=getattr(request, "reason", ""),
+            lease_s=getattr(request, "lease_s", None) or self.settings.lease_s,
+        )
+
+    def _held_by(self, asked: Asked) -> Lease | None:
+        """The lease, if the request carries it."""
+        lease = self._lease
+        return lease if lease and asked.who and lease.is_held(asked.who.name, asked.lease) else None
+
     def _identified(self, asked: Asked, situation: Situation, dry: bool) -> Refusal | None:
         """Who asks, and whether it is new. In one step with the look at the last sequence, under the lock: verbs are
         asked in threads of their own, and of a request that comes twice only the first may count."""
@@ -172,7 +188,7 @@ class Gate:
             return None
         refusal = first_refusal(IDENTITY, asked, situation)
         if refusal is None and asked.who is not None:
-            self._sequences[asked.who.name] = asked.sequence
+            self._sequences.take(asked.who.name, self._held_by(asked), asked.sequence)
         return refusal
 
     def _decide(self, asked: Asked, refusal: Refusal | None, generation: int, now_s: float) -> dict[str, Any]:
@@ -193,13 +209,21 @@ class Gate:
                     refusal = Refusal("latch", f"the latch cannot be removed: {error.strerror}", "a disk that works")
             if refusal is None:
                 self._do(asked, now_s)
-            return self._answer(asked, refusal, now_s)
+            answer = self._answer(asked, refusal, now_s)
+            if refusal is None and asked.verb == "arm" and self._lease is not None:
+                answer["lease"] = self._lease.token  # for whoever has armed, and told to nobody else
+            return answer
 
     def _do(self, asked: Asked, now_s: float) -> None:
-        self._beat_s = now_s
+        held = self._held_by(asked)
+        if held is not None:  # whoever does not hold the lease does not keep it alive
+            held.beat_s = now_s
         if asked.verb == "arm" and asked.who is not None:
-            self._mode, self._commander, self._reason = "armed", asked.who.name, asked.reason
-            self._until_s, self._ended = now_s + asked.lease_s, ""
+            if held is not None:
+                held.until_s, held.reason = now_s + asked.lease_s, asked.reason
+            else:
+                self._lease = Lease(asked.who.name, asked.reason, now_s + asked.lease_s, now_s, asked.sequence)
+            self._mode, self._ended = "armed", ""
             self._first_sent_s = -np.inf
             if self._shaper.still:  # else the turns go on, and with them the time between two
                 self._last_turn_s = now_s
@@ -279,10 +303,10 @@ class Gate:
         """The lease and the motion end; the turns that follow bring the setpoints to rest."""
         self._generation += 1
         self._motion, self._ended = None, trip.why
-        who, self._commander = self._commander, None
+        lease, self._lease = self._lease, None
+        who = lease.name if lease is not None else None
         if self._mode == "armed":
             self._mode = "read_only"
-        self._until_s = now_s
         if tell:
             # the hand comes to rest whether this can be written or not
             with contextlib.suppress(OSError):
@@ -305,13 +329,13 @@ class Gate:
     def status(self, now_s: float) -> dict[str, Any]:
         """Mode, commander, lease and motion as a plain object."""
         with self._lock:
-            motion = self._motion
+            motion, lease = self._motion, self._lease
             return {
                 "mode": self._mode,
                 "session": self.session,
-                "commander": self._commander,
-                "reason": self._reason if self._commander else None,
-                "lease_left_s": max(self._until_s - now_s, 0.0) if self._mode == "armed" else None,
+                "commander": None if lease is None else lease.name,
+                "reason": None if lease is None else lease.reason,
+                "lease_left_s": None if lease is None else max(lease.until_s - now_s, 0.0),
                 "motion": None if motion is None else motion.name,
                 "moving": not self._shaper.still or motion is not None,
                 "elapsed_s": None if motion is None else motion.elapsed_s,
@@ -322,13 +346,16 @@ class Gate:
                 "certified": False,
             }
 
-    def _situation(self, who: Who | None, now_s: float) -> Situation:
+    def _situation(self, asked: Asked, now_s: float) -> Situation:
+        held, name = self._held_by(asked), "" if asked.who is None else asked.who.name
         return Situation(
             mode=self._mode,
-            commander=self._commander,
+            commander=None if self._lease is None else self._lease.name,
+            held=held is not None,
+            lease_left_s=0.0 if self._lease is None else self._lease.until_s - now_s,
             stopped_because=self._ended or None,
             session=self.session,
-            last_sequence=self._sequences.get(who.name, 0) if who is not None else 0,
+            last_sequence=self._sequences.last(name, held),
             limits=self.limits,
             settings=self.settings,
             setpoint=self._start(),
@@ -339,11 +366,12 @@ class Gate:
         return self._senses.start(self._shaper.position)
 
     def _seen_turn(self, now_s: float, since_s: float) -> Turn:
-        silent_s = now_s - self._beat_s if self._motion is not None else 0.0
+        lease = self._lease
+        silent_s = now_s - lease.beat_s if lease is not None and self._motion is not None else 0.0
         return Turn(
             now_s=now_s,
             since_last_turn_s=since_s,
-            lease_left_s=self._until_s - now_s,
+            lease_left_s=0.0 if lease is None else lease.until_s - now_s,
             commander_silent_s=silent_s,
             names=self.limits.names,
             setpoint=self._shaper.position,

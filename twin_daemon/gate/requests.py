@@ -16,14 +16,16 @@ MAX_POINTS = 20_000
 
 
 class _Request(BaseModel):
-    """`session` is the gate's own name for its present life, `sequence` grows with every request of one sender: an
-    old request says nothing when it comes again. `stamp_ns` is when it was asked, by the sender's clock."""
+    """`session` is the gate's own name for its present life, `sequence` grows with every request of one sender and is
+    no larger than the time in ns: an old request says nothing when it comes again. `stamp_ns` is when it was asked, by
+    the sender's clock, `lease` what the reply to arm told: whoever arms commands, not others in the same name."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     session: str = Field(default="", max_length=64)
     sequence: int = Field(default=0, ge=0, lt=2**63)
     stamp_ns: int = Field(default=0, ge=0, lt=2**63)
+    lease: str = Field(default="", max_length=64, repr=False)
 
 
 class Arm(_Request):
