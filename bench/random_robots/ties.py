@@ -1,0 +1,34 @@
+"""What position data of such motions cannot tell apart, with the reason: there, `ambiguous` with all names is right."""
+
+from __future__ import annotations
+
+from .laws import Law
+
+_SERVO = "a servo of stiffness kp answers a torque t by the angle t / kp: "
+
+_ALWAYS: dict[str, dict[str, str]] = {
+    "sensor_offset": {"spring": _SERVO + "a constant pull moves the joint as a wrong zero moves the reading"},
+    "sensor_gain": {
+        "spring": _SERVO + "a pull that grows with the angle scales the motion as a wrong scale the reading"
+    },
+    "tendon_elasticity": {
+        "actuator_gain": "servo and shaft in series are a weaker servo up to the motor's own inertia",
+    },
+}
+_PASSIVE: dict[str, dict[str, str]] = {
+    "spring": {"coupling": "a spring at one joint of a coupled pair is a part of the law of the split"},
+    "coulomb_friction": {"coupling": "dry friction at one joint of a coupled pair is a part of the law of the split"},
+    "joint_stop": {"coupling": "a stop of one joint of a coupled pair is a part of the law of the split"},
+}
+
+
+def ties(law: Law) -> dict[str, str]:
+    """Keys of the effects that cannot be told from the law where it is, each with its reason."""
+    found = dict(_ALWAYS.get(law.key, {}))
+    robot, joint = law.site.robot, law.site.joint
+    if len(robot.servos[robot.servo_of(joint)].joints) > 1:
+        found |= _PASSIVE.get(law.key, {})
+    sag = float(robot.gravity_load[joint])
+    if law.key == "backlash" and sag < 1e-3 * law.site.kp * law.site.unit:
+        found["dead_zone"] = "without a load a joint in its play and a servo in its silence both stay where they are"
+    return found
