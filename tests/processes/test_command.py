@@ -24,26 +24,27 @@ from twin_daemon.gate.identity import Identity, Keyring, load_keyring
 from twin_daemon.hand import load_hand
 
 NS = "shadow_hand"
-SLOW_MACHINE = {"gate": {"heartbeat_s": 2.0, "state_timeout_s": 2.0, "command_age_s": 30.0}}
+SLOW_MACHINE = {"gate": {"heartbeat_s": 2.0, "state_timeout_s": 2.0, "command_age_s": 30.0, "tracking_time_s": 0.5}}
 
 
 class Scene:
     """A daemon, a hand that waits for commands, and a session of somebody who watches."""
 
-    def __init__(self, twin: Any, tmp_path: Path, state_dir: Path) -> None:
+    def __init__(self, twin: Any, tmp_path: Path, state_dir: Path, *hand: str) -> None:
         config = tmp_path / "twin.yaml"
         config.write_text(yaml.safe_dump(SLOW_MACHINE))
         self.twin = twin
         self.log = state_dir / "hands" / NS / "audit.jsonl"
         self.keys = state_dir / "keys.json"
         self.daemon = twin.start("run", "-c", str(config))
-        self.hand = twin.start("hand", "--trajectory", "none")
+        self.hand = twin.start("hand", "--trajectory", "none", *hand)
         session = open_client(twin.endpoint, 20.0)
         assert session is not None
         self.session = session
         self.description = load_hand().description
         self.sent: list[JointSample] = []
         self.measured: dict[str, float] = {}
+        self.effort: list[tuple[float, float]] = []  # of FFJ3, N m, with its time, s
         self._watching = [
             session.declare_subscriber(f"{NS}/joint_commands", self._command),
             session.declare_subscriber(f"{NS}/joint_states", self._state),
@@ -55,6 +56,7 @@ class Scene:
     def _state(self, sample: zenoh.Sample) -> None:
         state = cdr.decode(sample.payload.to_bytes())
         self.measured = dict(zip(state.names, state.position.tolist(), strict=True))
+        self.effort.append((time.monotonic(), float(state.effort[state.names.index("rh_FFJ3")])))
 
     def commander(self, name: str = "operator") -> Commander:
         return Commander(self.session, self.description, load_keyring(self.keys), name)

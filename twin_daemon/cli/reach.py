@@ -43,7 +43,7 @@ def arm(
         if answer["accepted"]:
             keep_lease(lease_file(desk.hand.description.namespace, name), desk.commander.lease)
     left_s = answer["gate"]["lease_left_s"] if answer["accepted"] else 0.0
-    _tell(answer, json, f"armed for {left_s or 0.0:.0f} s")
+    _tell(answer, json, "\n".join([f"armed for {left_s or 0.0:.0f} s", *answer.get("warnings", [])]))
 
 
 @app.command("disarm")

@@ -19,9 +19,11 @@ import numpy as np
 
 from twin_daemon.errors import BadInput
 from twin_daemon.gate.checks import ALLOWED, IDENTITY, MOTION, Asked, Refusal, Situation, first_refusal, identity_proved
+from twin_daemon.gate.expected import Expected
 from twin_daemon.gate.identity import Who
 from twin_daemon.gate.latch import Latch
 from twin_daemon.gate.lease import Lease, Sequences
+from twin_daemon.gate.let_go import LetGo
 from twin_daemon.gate.limits import limits_of
 from twin_daemon.gate.motion import Motion, commands_of, row_of
 from twin_daemon.gate.planning import Planner
@@ -31,7 +33,7 @@ from twin_daemon.gate.sendable import Sendable, make_sendable
 from twin_daemon.gate.senses import Senses
 from twin_daemon.gate.settings import GateSettings
 from twin_daemon.gate.shaper import Shaper
-from twin_daemon.gate.trips import Trip, Trips, Turn
+from twin_daemon.gate.trips import PRESSES, Trip, Trips, Turn
 from twin_daemon.simulation.twin import TwinModel
 
 Witness = Callable[[dict[str, Any]], None]
@@ -43,10 +45,11 @@ _GRACE_S = 0.5  # for another source to notice that it is no longer the only one
 
 @dataclass(frozen=True)
 class Foresight:
-    """A model's geometry ahead of the hand, and the planner of its motions."""
+    """A model's geometry ahead of the hand, its motion beside the hand, and the planner."""
 
     preview: Preview
     planner: Planner
+    expected: Expected
 
 
 class Gate:
@@ -73,7 +76,7 @@ class Gate:
         self._dt_s = 1.0 / settings.rate_hz
         self._asking, self._lock = threading.Lock(), threading.RLock()
         self._shaper = Shaper(self.limits)
-        self._trips = Trips(settings)
+        self._trips = Trips(twin.hand, settings)
         self._mode = "read_only"
         self._lease: Lease | None = None
         self._sequences = Sequences()
@@ -87,6 +90,8 @@ class Gate:
         self._sent: deque[int] = deque(maxlen=_REMEMBERED)
         self._sent_s = self._first_sent_s = -np.inf
         self._sent_row = np.full(len(self.limits.names), np.nan)
+        self._is_last = False  # whether the hand's last command was the gate's
+        self._letting_go: LetGo | None = None
         self._number = self._stamp_ns = 0
         self._streamed_s = -np.inf
         self._senses = Senses(twin, self.limits)
@@ -95,12 +100,13 @@ class Gate:
     def foresight(self, twin: TwinModel) -> Foresight:
         """What this gate looks ahead and rehearses with, of another model of the hand. Takes some milliseconds."""
         ahead = Preview(twin, self.settings.collision_depth_m)
-        return Foresight(ahead, Planner(twin, self.limits, self.settings))
+        expected = Expected(twin, self.limits, self._dt_s)
+        return Foresight(ahead, Planner(twin, self.limits, self.settings), expected)
 
     def use(self, foresight: Foresight) -> None:
         """Looks ahead and rehearses with this from now on."""
         with self._lock:
-            self._ahead, self._planner = foresight.preview, foresight.planner
+            self._ahead, self._planner, self._expected = foresight.preview, foresight.planner, foresight.expected
 
     # -- what is seen of the hand --------------------------------------------------------------------------
 
@@ -118,6 +124,7 @@ class Gate:
             except (BadInput, ValueError):
                 return
             self._senses.told(row_of(self.limits, row))
+            self._is_last = False
             if self._mode == "armed" and now_s > self._first_sent_s + _GRACE_S > 0.0:
                 self._end(Trip("foreign", "somebody else sends commands to this hand, past the gate"), now_s)
 
@@ -227,7 +234,7 @@ class Gate:
             self._first_sent_s = -np.inf
             if self._shaper.still:  # else the turns go on, and with them the time between two
                 self._last_turn_s = now_s
-            self._trips.forget()
+            self._trips.tracking.forget()
         elif asked.verb == "disarm":
             self._end(Trip("disarmed", "disarmed by its commander"), now_s, tell=False)
         elif asked.verb == "stop":
@@ -238,21 +245,25 @@ class Gate:
         elif asked.verb == "release":
             self._mode, self._ended = "read_only", ""
         elif asked.motion is not None:
-            self._shaper.begin(np.where(asked.motion.moved, self._start(), np.nan))
+            start, fresh = self._start(), asked.motion.moved & ~self._shaper.given
+            self._shaper.begin(np.where(fresh, start, np.nan))
+            if self._expected.running and fresh.any():
+                self._expected.place(fresh, self._senses.pose, start)
             self._motion = asked.motion
+            self._letting_go = None
 
     # -- turns ---------------------------------------------------------------------------------------------
 
     @property
     def active(self) -> bool:
-        """Whether turns are needed: the gate is armed, or something still comes to rest."""
-        return self._mode == "armed" or not self._shaper.still
+        """Whether turns are needed: the gate is armed, or something still comes to rest or lets go."""
+        return self._mode == "armed" or not self._shaper.still or self._letting_go is not None
 
     def turn(self, now_s: float, wall_ns: int) -> Sendable | None:
         """One turn of the clock; the command to send, if there is one."""
         with self._lock:
             if not self.active:
-                self._shaper.forget()
+                self._forget()
                 self._last_turn_s = None
                 return None
             since_s = self._dt_s if self._last_turn_s is None else now_s - self._last_turn_s
@@ -264,12 +275,32 @@ class Gate:
             dt_s = min(max(since_s, 0.0), self._dt_s)
             if dt_s > 0.0:
                 self._move(dt_s, now_s)
+                self._expect(since_s, now_s)
             return self._send(now_s, wall_ns)
+
+    def _forget(self) -> None:
+        self._shaper.forget()
+        self._expected.forget()
+        self._trips.tracking.forget()
+        self._letting_go = None
+
+    def _expect(self, since_s: float, now_s: float) -> None:
+        """The twin goes on beside the hand; where it failed, or was exchanged, it begins where the hand is."""
+        if not self._shaper.given.any():
+            return
+        if not self._expected.running:
+            self._expected.begin(self._senses.pose, self._start())
+        self._expected.advance(self._shaper.position, since_s)
+        self._trips.tracking.sent(now_s, self._shaper.position.copy(), self._expected.reading)
 
     def _move(self, dt_s: float, now_s: float) -> None:
         shaper, rest = self._shaper, np.full(len(self.limits.names), np.nan)
         motion = self._motion
         goal = rest if motion is None else motion.advance(dt_s)
+        if self._letting_go is not None:
+            goal = self.limits.clip(self._letting_go.follow(self._senses.by_command(), now_s))
+            if self._letting_go.is_done(shaper.position, now_s):
+                self._letting_go = None
         position, velocity = shaper.toward(goal, dt_s)
         if motion is not None and velocity.any():
             now = self._start()
@@ -279,7 +310,8 @@ class Gate:
                 self._end(Trip("collision", str(found)), now_s)
                 position, velocity = shaper.toward(rest, dt_s)
         shaper.take(position, velocity)
-        if self._motion is not None and self._motion.over(position, shaper.still):
+        # a motion is not done while the hand stays behind
+        if self._motion is not None and self._motion.over(position, shaper.still) and not self._trips.tracking.off:
             self._motion, self._ended = None, "done"
 
     def _send(self, now_s: float, wall_ns: int) -> Sendable | None:
@@ -292,7 +324,7 @@ class Gate:
         self._number += 1
         self._stamp_ns = max(wall_ns, self._stamp_ns + 1)
         self._sent.append(self._stamp_ns)
-        self._sent_row, self._sent_s = row.copy(), now_s
+        self._sent_row, self._sent_s, self._is_last = row.copy(), now_s, True
         self._senses.told(row)
         if self._first_sent_s < 0.0:
             self._first_sent_s = now_s
@@ -307,10 +339,27 @@ class Gate:
         who = lease.name if lease is not None else None
         if self._mode == "armed":
             self._mode = "read_only"
+        if trip.kind in PRESSES and self.settings.after_trip == "let_go":
+            self._let_go(now_s)
         if tell:
             # the hand comes to rest whether this can be written or not
             with contextlib.suppress(OSError):
                 self.witness({"verb": "trip", "who": who, "accepted": True, "check": trip.kind, "why": trip.why})
+
+    def _let_go(self, now_s: float) -> None:
+        """The setpoints go to where the hand is, so that it presses against nothing. Where they were given up already
+        the hand still holds the last of them."""
+        shaper = self._shaper
+        given = shaper.given
+        rest = np.where(given, shaper.stopping(shaper.position, shaper.velocity), self._sent_row)
+        heard = self._senses.ages_s(now_s) <= self.settings.state_timeout_s
+        found = LetGo(rest, np.where(heard, self._senses.by_command(), np.nan), self.limits.margin, now_s)
+        if not given.any():
+            if not self._is_last or not found.is_needed:
+                return
+            shaper.begin(rest)
+            self._last_turn_s = None
+        self._letting_go = found
 
     def end(self, kind: str, why: str, now_s: float) -> None:
         """Ends the lease for a reason of the gate's keeper, and brings what moves to rest."""
@@ -322,7 +371,7 @@ class Gate:
         """The gate itself has failed: nothing more is sent, and the hand stays at its last target."""
         with self._lock:
             self.end("fault", why, now_s)
-            self._shaper.forget()
+            self._forget()
 
     # -- what is known -------------------------------------------------------------------------------------
 
@@ -376,6 +425,7 @@ class Gate:
             names=self.limits.names,
             setpoint=self._shaper.position,
             measured=self._senses.by_command(),
+            arrival_s=self._senses.arrivals_s(),
             age_s=self._senses.ages_s(now_s),
             effort=self._senses.effort,
         )
@@ -400,8 +450,25 @@ class Gate:
                 "targets": dict(asked.targets) if motion is not None and motion.kind != "trajectory" else None,
                 "motion": motion.name if motion is not None else None,
                 "seconds": motion.duration_s if motion is not None else None,
+                "warnings": (self._warnings(asked) or None) if refusal is None else None,
             }
         )
+
+    def _warnings(self, asked: Asked) -> list[str]:
+        """What whoever arms has to know: which guard is not there."""
+        if asked.verb != "arm":
+            return []
+        limits = self._trips.effort_limit
+        driven = [joint for info in self._hand.description.commands.values() for joint in info.joints]
+        without = [joint for joint in driven if joint not in limits]
+        silent = [joint for joint in limits if joint not in self._senses.effort]
+        found = []
+        if without:
+            which = "no joint has an" if not limits else f"{len(without)} of {len(driven)} joints have no"
+            found.append(f"{which} effort limit (gate.effort_limit): that a finger presses is noticed by its lag only")
+        if silent:
+            found.append(f"the hand tells no effort of {', '.join(silent)}: the limit set for it cannot trip")
+        return found
 
     def _answer(self, asked: Asked, refusal: Refusal | None, now_s: float) -> dict[str, Any]:
         return {
@@ -413,5 +480,6 @@ class Gate:
             "allowed": refusal.allowed if refusal is not None else None,
             "consequence": refusal.consequence if refusal is not None else None,
             "seconds": asked.motion.duration_s if asked.motion is not None else None,
+            "warnings": self._warnings(asked) if refusal is None else [],
             "gate": self.status(now_s),
         }

@@ -15,13 +15,15 @@ from twin_daemon.signals.trajectory import allowed_range
 @dataclass(frozen=True, eq=False)
 class Limits:
     """By command, all (c,): bounds rad, velocity rad/s, acceleration rad/s^2. `velocity` keeps the step limit, too:
-    at the gate's rate no command is farther than `step_rad` from the one before."""
+    at the gate's rate no command is farther than `step_rad` from the one before. `margin` rad is how far a setpoint
+    stays ahead of a hand that lets go."""
 
     names: tuple[str, ...]
     lower: np.ndarray
     upper: np.ndarray
     velocity: np.ndarray
     acceleration: np.ndarray
+    margin: np.ndarray
 
     def clip(self, position: np.ndarray) -> np.ndarray:
         """Targets (c,) inside the bounds."""
@@ -35,7 +37,9 @@ def limits_of(hand: Hand, settings: GateSettings) -> Limits:
             raise BadInput(f"gate.limits: no command '{name}'", todo=nearest(name, hand.commands))
     rows = [_row(hand, name, settings) for name in hand.commands]
     columns = np.array(rows, float).reshape(len(rows), 4).T
-    return Limits(hand.commands, *columns)
+    margin = np.array([hand.hold_margin_rad(name) for name in hand.commands])
+    lower, upper, velocity, acceleration = columns
+    return Limits(hand.commands, lower, upper, velocity, acceleration, margin)
 
 
 def _row(hand: Hand, name: str, settings: GateSettings) -> tuple[float, float, float, float]:

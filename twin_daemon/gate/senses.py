@@ -53,9 +53,13 @@ class Senses:
         """(c,) rad: the sum of each command's joints."""
         return np.add.reduceat(self._heard[0][self._parts], self._firsts)
 
+    def arrivals_s(self) -> np.ndarray:
+        """(c,) when the older of each command's joints was heard, s."""
+        return np.minimum.reduceat(self._heard[1][self._parts], self._firsts)
+
     def ages_s(self, now_s: float) -> np.ndarray:
         """(c,) s since each command's joints were measured."""
-        return now_s - np.minimum.reduceat(self._heard[1][self._parts], self._firsts)
+        return now_s - self.arrivals_s()
 
     def start(self, setpoint: np.ndarray) -> np.ndarray:
         """(c,) where each command is: its setpoint, else what the hand was last told if it is there, else measured."""

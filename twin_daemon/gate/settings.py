@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 LONGEST_LEASE_S = 3600.0
@@ -25,6 +27,15 @@ class CommandLimit(BaseModel):
         return self
 
 
+class TrackingLimit(BaseModel):
+    """How far one command may be from its target beyond what the twin predicts, and for how long."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    floor_rad: float | None = Field(default=None, ge=0.0, description="in place of gate.tracking_floor_rad")
+    time_s: float | None = Field(default=None, ge=0.0, le=10.0, description="in place of gate.tracking_time_s")
+
+
 class GateSettings(BaseModel):
     """Times, limits and trips of the gate."""
 
@@ -44,8 +55,26 @@ class GateSettings(BaseModel):
     jump_rad: float = Field(
         default=0.3, gt=0.0, description="farthest of a streamed target from where the hand is sent"
     )
-    tracking_error_rad: float = Field(default=0.5, gt=0.0, description="farthest of the hand from its target ...")
-    tracking_time_s: float = Field(default=0.5, ge=0.0, le=10.0, description="... for longer than this trips the gate")
+    tracking_ratio: float = Field(
+        default=3.0,
+        ge=1.0,
+        le=100.0,
+        description="farthest of the hand from its target, in lags of the twin",
+    )
+    tracking_floor_rad: float = Field(
+        default=0.05, ge=0.0, description="so much farther is allowed, beside noise and resolution of the sensors"
+    )
+    tracking_error_rad: float = Field(
+        default=0.5, gt=0.0, description="farthest of the hand from its target, whatever the twin predicts"
+    )
+    tracking_time_s: float = Field(
+        default=0.1, ge=0.0, le=10.0, description="farther than allowed for longer than this trips the gate"
+    )
+    tracking: dict[str, TrackingLimit] = Field(default_factory=dict, description="by command")
+    after_trip: Literal["let_go", "hold"] = Field(
+        default="let_go",
+        description="let_go: the targets go back to where the hand is; hold: they stay, and a grasp holds",
+    )
     effort_limit: dict[str, float] = Field(default_factory=dict, description="by joint, in the driver's unit")
     collision_depth_m: float = Field(
         default=0.001, ge=0.0, le=0.05, description="deepest overlap of two bodies of the hand that is not refused"

@@ -1,4 +1,7 @@
-"""What ends a motion that was allowed: each trip looks at every turn, and the setpoints then come to rest."""
+"""What ends a motion that was allowed: each trip looks at every turn, and the setpoints then come to rest.
+
+Where the hand may press against something they do not only stop: they go back to where the hand is (`let_go.py`).
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin_daemon.errors import BadInput, nearest
 from twin_daemon.gate.settings import GateSettings
+from twin_daemon.gate.tracking import Tracking
+from twin_daemon.hand import Hand, match
+
+PRESSES = frozenset({"tracking", "effort", "stopped"})
+"""Kinds of trips after which the hand lets go."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,6 +29,7 @@ class Turn:
     names: tuple[str, ...]
     setpoint: np.ndarray
     measured: np.ndarray
+    arrival_s: np.ndarray
     age_s: np.ndarray
     effort: dict[str, float]
 
@@ -33,14 +43,17 @@ class Trip:
 
 
 class Trips:
-    """The trips; that of the tracking error remembers since when each command has been off."""
+    """The trips; `tracking` remembers where the hand was sent. Raises BadInput for effort limits of no joint."""
 
-    def __init__(self, settings: GateSettings) -> None:
+    def __init__(self, hand: Hand, settings: GateSettings) -> None:
         self._settings = settings
-        self._off_since_s: dict[str, float] = {}
-
-    def forget(self) -> None:
-        self._off_since_s.clear()
+        self.tracking = Tracking(hand, settings)
+        self.effort_limit: dict[str, float] = {}
+        for name, most in settings.effort_limit.items():
+            joint = match(name, hand.joints)
+            if joint is None:
+                raise BadInput(f"gate.effort_limit: no joint '{name}'", todo=nearest(name, hand.joints))
+            self.effort_limit[joint] = most
 
     def look(self, turn: Turn) -> Trip | None:
         """The first trip of this turn, if there is one."""
@@ -76,20 +89,11 @@ class Trips:
         return Trip("stale", f"{turn.names[worst]} was last heard {age_s[worst]:.2f} s ago")
 
     def _effort(self, turn: Turn) -> Trip | None:
-        for joint, most in self._settings.effort_limit.items():
+        for joint, most in self.effort_limit.items():
             if abs(turn.effort.get(joint, 0.0)) > most:
                 return Trip("effort", f"the effort of {joint} is {turn.effort[joint]:g}, at most {most:g} is allowed")
         return None
 
     def _tracking(self, turn: Turn) -> Trip | None:
-        off = np.abs(turn.setpoint - turn.measured) > self._settings.tracking_error_rad
-        self._off_since_s = {
-            turn.names[i]: self._off_since_s.get(turn.names[i], turn.now_s) for i in np.flatnonzero(off)
-        }
-        for name, since_s in self._off_since_s.items():
-            if turn.now_s - since_s >= self._settings.tracking_time_s:
-                away = float(np.abs(turn.setpoint - turn.measured)[turn.names.index(name)])
-                return Trip(
-                    "tracking", f"{name} is {away:.2f} rad from where it was sent, for {turn.now_s - since_s:.1f} s"
-                )
-        return None
+        why = self.tracking.look(turn.measured, turn.arrival_s)
+        return None if why is None else Trip("tracking", why)

@@ -50,6 +50,10 @@ class Hand:
         joints = self.description.commands[command].joints
         return sum(self.description.joints[joint].velocity_limit_rad_s for joint in joints)
 
+    def hold_margin_rad(self, command: str) -> float:
+        joints = self.description.commands[command].joints
+        return sum(self.description.joints[joint].hold_margin_rad for joint in joints)
+
     def acceleration_limit_rad_s2(self, command: str) -> float:
         joints = self.description.commands[command].joints
         return sum(self.description.joints[joint].acceleration_limit_rad_s2 for joint in joints)
