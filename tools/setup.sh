@@ -32,7 +32,7 @@ if [ "$(cat .venv/stamp 2>/dev/null)" = "$project" ] && .venv/bin/twin --version
     exit 0
 fi
 
-pip=(.venv/bin/python -m pip --disable-pip-version-check --no-input install -qq)
+pip=(.venv/bin/python -m pip --disable-pip-version-check --no-input install -qq --only-binary :all:)
 if [ "$(cat .venv/stamp-packages 2>/dev/null)" != "$packages" ] || ! usable .venv/bin/python; then
     python=$("$python" -c 'import sys; print(sys._base_executable)')
     echo "Building .venv with $("$python" --version)"
