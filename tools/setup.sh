@@ -32,20 +32,51 @@ if [ "$(cat .venv/stamp 2>/dev/null)" = "$project" ] && .venv/bin/twin --version
     exit 0
 fi
 
-pip=(.venv/bin/python -m pip --disable-pip-version-check --no-input install -qq --only-binary :all:)
-if [ "$(cat .venv/stamp-packages 2>/dev/null)" != "$packages" ] || ! usable .venv/bin/python; then
-    python=$("$python" -c 'import sys; print(sys._base_executable)')
-    echo "Building .venv with $("$python" --version)"
-    rm -rf .venv
-    if ! "$python" -m venv .venv; then
-        rm -rf .venv
-        echo "make setup: '$python -m venv' failed. On Debian and Ubuntu: apt install python3-venv" >&2
-        exit 1
-    fi
-    # The lock holds every package with its hash, the build back end included, so nothing else is fetched.
-    for lock in "${locks[@]}"; do "${pip[@]}" --require-hashes --no-deps -r "$lock"; done
+pip=(.venv/bin/python -m pip --disable-pip-version-check --no-input install -qq)
+# The locks hold every package with its hash, the build back end included, and wheels alone: nothing else is fetched, and
+# nothing of it is run while it is installed.
+install_locked() {
+    local lock
+    for lock in "${locks[@]}"; do "${pip[@]}" --require-hashes --no-deps --only-binary :all: -r "$lock" || return; done
     # ROS wheels leave metadata of foreign names that other installers would take for packages to remove.
     rm -rf .venv/lib/python3.*/site-packages/*-py3.*.egg-info
+}
+# Whether .venv was complete once, and is this Python's and in this place.
+known() {
+    [ -e .venv/stamp-packages ] && usable .venv/bin/python && grep -qF "$PWD/.venv" .venv/pyvenv.cfg &&
+        [ "$base" = "$(.venv/bin/python -c 'import sys; print(sys._base_executable, sys.version)')" ]
+}
+# What no lock has any more; pip alone would leave it there.
+leftovers() {
+    .venv/bin/python - "${locks[@]}" <<'EOF'
+import re, sys
+from importlib.metadata import distributions
+plain = lambda name: re.sub(r"[-_.]+", "-", name).lower()
+locked = {plain(found) for lock in sys.argv[1:] for found in re.findall(r"^([\w.-]+)==", open(lock).read(), re.M)}
+for name in sorted({plain(one.name) for one in distributions() if one.name} - locked - {"pip", "setuptools", "twin-daemon"}):
+    print(name)
+EOF
+}
+bring_up_to_date() {
+    local left
+    mapfile -t left < <(leftovers)
+    rm -f .venv/stamp
+    if [ ${#left[@]} -gt 0 ]; then .venv/bin/python -m pip --disable-pip-version-check uninstall -q -y "${left[@]}" || return; fi
+    install_locked
+}
+
+if [ "$(cat .venv/stamp-packages 2>/dev/null)" != "$packages" ] || ! usable .venv/bin/python; then
+    if ! { known && bring_up_to_date; }; then
+        python=$("$python" -c 'import sys; print(sys._base_executable)')
+        echo "Building .venv with $("$python" --version)"
+        rm -rf .venv
+        if ! "$python" -m venv .venv; then
+            rm -rf .venv
+            echo "make setup: '$python -m venv' failed. On Debian and Ubuntu: apt install python3-venv" >&2
+            exit 1
+        fi
+        install_locked
+    fi
     for lock in "${locks[@]:1}"; do extra=${lock#requirements-}; touch ".venv/with-${extra%.lock}"; done
     echo "$packages" > .venv/stamp-packages
 fi
