@@ -75,7 +75,8 @@ def _rules(keyring: Keyring, description: HandDescription, ros: RosKeys | None, 
     asked = [*(description.key(name) for name in _LOOK), command("status"), command("stop")]
     work = [description.key(name) for name in _WORK]
     alive = [description.key("alive"), description.keys.alive.format(ns="**")]  # who looks for hands asks for all
-    everything = [*streams, *told, *asked, *work, command("*"), description.key("alive")]
+    own_stop = [description.key("driver_stop"), *filter(None, [description.stop and description.stop.zenoh_key])]
+    everything = [*streams, *told, *asked, *work, *own_stop, command("*"), description.key("alive")]
     rules = [
         _rule("answers", "egress", ["put", "reply", "liveliness_token", "declare_queryable", "query"], everything),
         # what the daemon subscribes to, letter by letter: a wildcard that no rule covers would leave it deaf
@@ -86,14 +87,16 @@ def _rules(keyring: Keyring, description: HandDescription, ros: RosKeys | None, 
         _rule("work", "ingress", ["query"], work),
         _rule("command", "ingress", ["query"], [command("*")]),
         _rule("stream", "ingress", ["put"], [command("target")]),
+        _rule("stop", "ingress", ["put"], [command("stop")]),
         _rule("speak", "ingress", ["put"], streams),
+        _rule("serve", "ingress", ["declare_subscriber", "declare_queryable", "reply"], own_stop),
     ]
     anybody = {} if known_by == "usernames" else {known_by: list(keyring.names)}
     subjects: list[dict[str, Any]] = [{"id": "all", **anybody}]
     policies: list[dict[str, Any]] = [
-        {"rules": ["answers", "interest", "listen", "see", "ask"], "subjects": ["all"]},
+        {"rules": ["answers", "interest", "listen", "see", "ask", "stop"], "subjects": ["all"]},
     ]
-    for role, allowed in {"operator": ["work", "command", "stream"], "hand": ["speak"]}.items():
+    for role, allowed in {"operator": ["work", "command", "stream"], "hand": ["speak", "serve"]}.items():
         names = [name for name in keyring.names if keyring.role(name) == role]
         if names:
             subjects.append({"id": role, known_by: names})

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import json
+import contextlib
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import zenoh
 
+from bridges.asking import ask_everybody, believed
 from bridges.guard import Guard
-from bridges.signer import Signer
+from bridges.signer import Signer, keys_of_the_machine
+from bridges.stopping import AFTER_S, stop_report
 from twin_daemon.errors import NoAnswer
 from twin_daemon.gate.identity import Keyring
 from twin_daemon.hand import HandDescription
@@ -22,7 +23,10 @@ _PLANNING_S = 20.0
 
 
 class Commander:
-    """Requests in the name of `name`; without a keyring anonymous ones. Safe to use from several threads."""
+    """Requests in the name of `name`; without a keyring anonymous ones. Safe to use from several threads.
+
+    With a key only replies that the gate has proved count as accepted.
+    """
 
     def __init__(
         self, session: zenoh.Session, description: HandDescription, keyring: Keyring | None = None, name: str = ""
@@ -42,7 +46,7 @@ class Commander:
 
     def status(self, timeout_s: float = _PATIENCE_S) -> dict[str, Any]:
         """The gate's state. Raises NoAnswer where no daemon is."""
-        found = self._get("status", b"", None, timeout_s)
+        found = self._get("status", *self._signer.signed("status", {}), timeout_s)
         self._signer.learn(found)
         return found
 
@@ -55,6 +59,15 @@ class Commander:
         answer = self._get(verb, payload, proof, timeout_s)
         self._signer.learn(answer)
         return answer
+
+    def stop(self, reason: str, timeout_s: float = _PATIENCE_S) -> dict[str, Any]:
+        """Stops, and says after a second what that did and what it did not (`stop_report`). Raises NoAnswer."""
+        answer = self._get("stop", *self._signer.signed("stop", {"reason": reason}), timeout_s)
+        time.sleep(AFTER_S)
+        status = None
+        with contextlib.suppress(NoAnswer):
+            status = self.status(timeout_s)
+        return stop_report(answer, status)
 
     def stream(self, publisher: zenoh.Publisher, targets: dict[str, float]) -> None:
         """Puts one target of a stream, rad by joint or command. Call `status` once before."""
@@ -69,7 +82,7 @@ class Commander:
             express=True,
         )
 
-    @contextmanager
+    @contextlib.contextmanager
     def beating(self, period_s: float, guard: Guard) -> Iterator[None]:
         """Says that the commander is there, again and again, as long as this process lives."""
         ended = threading.Event()
@@ -90,13 +103,23 @@ class Commander:
     def _get(self, verb: str, payload: bytes, proof: bytes | None, timeout_s: float) -> dict[str, Any]:
         key = self._description.key("command", verb=verb)
         deadline_s = time.monotonic() + timeout_s
+
+        def proves(content: bytes, attachment: bytes | None) -> bool:
+            return self._signer.proves(verb, payload, content, attachment)
+
         while True:
             left_s = max(deadline_s - time.monotonic(), 0.05)
-            for reply in self._session.get(key, payload=payload, attachment=proof, timeout=left_s):
-                if reply.ok is not None:
-                    return json.loads(reply.ok.payload.to_bytes())
+            anonymous = self._signer.anonymous
+            told = ask_everybody(self._session, key, payload, proof, left_s, None if anonymous else proves)
+            if told is not None:
+                return told if anonymous else believed(told)
             if time.monotonic() >= deadline_s:
                 raise NoAnswer(
                     f"nothing answered at {key}", todo="Is 'twin run' running? Same --hand, same --endpoint?"
                 )
             time.sleep(0.05)
+
+
+def who_stops(session: zenoh.Session, description: HandDescription) -> Commander:
+    """Anybody at this machine who stops a hand, with the key that is at hand to check who answers."""
+    return Commander(session, description, *keys_of_the_machine())

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import logging
 import threading
 import time
 from collections.abc import Callable
-from queue import Empty, SimpleQueue
+from functools import partial
 from typing import Any
 
 import zenoh
 
+from bridges.driver_stop import DriverStop
 from bridges.durations import Durations
 from bridges.guard import Guard
 from bridges.outlet import Outlet
-from twin_daemon.gate.audit import AuditLog
+from bridges.register import Register
 from twin_daemon.gate.checks import NOTHING_SENT
 from twin_daemon.gate.gate import Gate
 from twin_daemon.gate.identity import Keyring, Proof
@@ -25,66 +25,16 @@ from twin_daemon.hand import HandDescription
 
 log = logging.getLogger("twin.gate")
 
-Tell = Callable[[str, str, dict[str, Any]], None]
-_REPEAT_S = 1.0
 _IDLE_S = 0.5
-
-
-class Register:
-    """What the gate decides, in the audit log and as events. Of refusals that repeat one a second is written."""
-
-    def __init__(self, audit: AuditLog, tell: Tell) -> None:
-        self._audit = audit
-        self._tell = tell
-        self._refused: dict[tuple[Any, ...], tuple[float, int]] = {}
-        self._untold: SimpleQueue[dict[str, Any]] = SimpleQueue()
-
-    def __call__(self, entry: dict[str, Any]) -> None:
-        """Writes one decision. Raises OSError where the log cannot be written."""
-        if not entry["accepted"]:
-            same = (entry["who"], entry["verb"], entry["check"])
-            written_s, unwritten = self._refused.get(same, (-_REPEAT_S, 0))
-            now_s = time.monotonic()
-            if now_s - written_s < _REPEAT_S:
-                self._refused[same] = (written_s, unwritten + 1)
-                return
-            if len(self._refused) > 1000:  # names are free to invent
-                self._refused.clear()
-            self._refused[same] = (now_s, 0)
-            entry = entry | {"repeated": unwritten} if unwritten else entry
-        self._audit.write(time.time_ns(), {key: value for key, value in entry.items() if value is not None})
-        # telling may wait for whoever waits for the gate: it is left for later
-        self._untold.put(entry)
-
-    def tell(self) -> None:
-        """Makes events of what was written since the last call."""
-        with contextlib.suppress(Empty):
-            while True:
-                entry = self._untold.get_nowait()
-                data = {key: entry.get(key) for key in ("verb", "who", "accepted", "check")}
-                self._tell("gate", _sentence(entry), data)
-
-    def sync(self) -> None:
-        """Makes what was written survive a loss of power."""
-        self._audit.sync()
-
-
-def _sentence(entry: dict[str, Any]) -> str:
-    who, verb = entry["who"] or "somebody unknown", entry["verb"]
-    if verb == "trip":
-        return f"the motion of {who} has ended: {entry['why']}"
-    said = f"{who}: {verb}"
-    if entry.get("reason"):
-        said += f" ({entry['reason']})"
-    return said if entry["accepted"] else f"{said} refused: {entry['why']}"
+_AFTER_STOP_S = 1.0  # it is told, too, when the hand moves on
 
 
 class Gatekeeper:
     """Serves `command/<verb>` and turns the gate in a thread of its own.
 
     A request is the JSON of its verb, with a proof of who asks as the attachment; the reply says accepted or refused
-    and why. `command/target` can be put as well as asked: a stream then needs no replies. `recalibrate` begins a
-    recalibration in the name of who asks, or says why not.
+    and why, with a proof of it under the key of who asked. `command/target` and `command/stop` can be put as well as
+    asked. `recalibrate` begins a recalibration in the name of who asks, or says why not.
     """
 
     def __init__(
@@ -105,6 +55,8 @@ class Gatekeeper:
         self._guard = Guard(log)
         self._turn_s, self._request_s = Durations(), Durations()
         self._outlet = Outlet(session, description)
+        self._driver_stop = DriverStop(session, description)
+        self._look_again_s: float | None = None
         self._turned_s = time.monotonic()
         self._stop, self._wake = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._turns, name="twin-gate", daemon=True)
@@ -112,13 +64,21 @@ class Gatekeeper:
         self._entities: list[Any] = [
             # one each, because each has a thread: a stop must not wait until a long trajectory has been looked at
             *(session.declare_queryable(self._key(verb), self._reply) for verb in (*KINDS, "status")),
-            session.declare_subscriber(self._key("target"), self._streamed),
+            *(session.declare_subscriber(self._key(verb), partial(self._put, verb)) for verb in ("target", "stop")),
         ]
 
     def status(self) -> dict[str, Any]:
         """The gate's state, as `command/status` tells it to anybody."""
         cost_s = self._turn_s.told("turn") | self._request_s.told("request")
-        return {"schema": 1, **self.gate.status(time.monotonic()), "errors": self._guard.errors, "cost": cost_s}
+        now_s = time.monotonic()
+        return {
+            "schema": 1,
+            **self.gate.status(now_s),
+            **self.gate.movement.look(now_s),
+            "driver_stop": self._driver_stop.told(),
+            "errors": self._guard.errors,
+            "cost": cost_s,
+        }
 
     def turns(self, within_s: float) -> bool:
         """Whether the gate's thread has come round in the last `within_s`; one that hangs or has ended does not."""
@@ -144,19 +104,30 @@ class Gatekeeper:
         try:
             with query:
                 payload = b"" if query.payload is None else query.payload.to_bytes()
-                answer = self._answer(verb, payload, _proof(query.attachment))
-                query.reply(key, json.dumps(answer, allow_nan=False), encoding="application/json")
+                proof = _proof(query.attachment)
+                answer = json.dumps(self._answer(verb, payload, proof), allow_nan=False).encode()
+                query.reply(
+                    key, answer, encoding="application/json", attachment=self._proved(verb, payload, proof, answer)
+                )
         except Exception as error:
             self._guard.failed(f"the answer to {verb}", error)
 
-    def _streamed(self, sample: zenoh.Sample) -> None:
+    def _proved(self, verb: str, payload: bytes, proof: Proof | None, answer: bytes) -> bytes | None:
+        """What shows who asked that the gate has answered; None where there is no key to do it with."""
+        if proof is None or self._keyring.who(verb, payload, proof) is None:
+            return None
+        return self._keyring.answer_proof(proof.who, verb, payload, answer).encode()
+
+    def _put(self, verb: str, sample: zenoh.Sample) -> None:
         payload, proof = sample.payload.to_bytes(), _proof(sample.attachment)
-        self._guard.run("a streamed target", self._answer, "target", payload, proof)
+        self._guard.run(f"a {verb} that was put", self._answer, verb, payload, proof)
 
     def _answer(self, verb: str, payload: bytes, proof: Proof | None) -> dict[str, Any]:
         began_s = time.thread_time()  # the processor's time: what others take of the machine is theirs
         if verb == "status":
             return self.status()
+        if verb == "stop":
+            self._guard.run("the stop of the hand's driver", self._driver_stop.call)
         try:
             request = read_request(verb, payload)
         except BadRequest as error:
@@ -171,6 +142,9 @@ class Gatekeeper:
             }
         who = self._keyring.who(verb, payload, proof)
         answer = self.gate.ask(verb, request, who, time.monotonic(), time.time_ns())
+        if verb == "stop":
+            answer |= {"driver_stop": self._driver_stop.told()}
+            self._look_again_s = self._look_again_s or time.monotonic() + _AFTER_STOP_S
         self._wake.set()
         if verb == "recalibrate" and answer["accepted"] and who is not None:
             why = self._recalibrate(who.name)
@@ -204,8 +178,28 @@ class Gatekeeper:
             next_s = max(next_s + period_s, now_s)
             time.sleep(max(next_s - time.monotonic(), 0.0))
 
+    def _after_stop(self, now_s: float) -> None:
+        """A second after a stop: whether the hand moves on, for the record."""
+        if self._look_again_s is None or now_s < self._look_again_s:
+            return
+        self._look_again_s = None
+        found = self.gate.movement.look(now_s)
+        if found["hand_moves"]:
+            joints = ", ".join(found["moved_rad"])
+            why = f"a second after the stop the hand still moves ({joints}): somebody else drives it"
+            entry = {
+                "verb": "stopped",
+                "who": None,
+                "accepted": True,
+                "check": "still_moves",
+                "why": why,
+                "again": True,
+            }
+            self._register(entry)
+
     def _turn(self, now_s: float) -> None:
         self._turned_s = now_s
+        self._guard.run("the look after a stop", self._after_stop, now_s)
         began_s = time.thread_time()
         try:
             command = self.gate.turn(now_s, time.time_ns())

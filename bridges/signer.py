@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import os
 import threading
 import time
 from collections.abc import Mapping
 from typing import Any
 
-from twin_daemon.gate.identity import Keyring
+from twin_daemon.errors import BadInput
+from twin_daemon.gate.identity import Keyring, Proof, keys_file, load_keyring
+from twin_daemon.resources import state_dir
 
 _WITHOUT_LEASE = ("stop", "release", "recalibrate")
 
@@ -50,3 +53,28 @@ class Signer:
         if self._keyring is None:
             return payload, None
         return payload, self._keyring.sign(self._name, verb, payload).encode()
+
+    @property
+    def anonymous(self) -> bool:
+        """Whether it has no key: then no reply can be proved to it."""
+        return self._keyring is None
+
+    def proves(self, verb: str, request: bytes, reply: bytes, attachment: bytes | None) -> bool:
+        """Whether a reply to one of its requests is the gate's own."""
+        if self._keyring is None or attachment is None:
+            return False
+        return self._keyring.proves_answer(self._name, verb, request, reply, Proof.decode(attachment))
+
+
+def keys_of_the_machine() -> tuple[Keyring | None, str]:
+    """In whose name anybody at this machine stops a hand: TWIN_AS, else a viewer, of the keys that can be read here.
+    Without keys it is anonymous: a stop needs none, they only prove who answers it."""
+    try:
+        keyring = load_keyring(keys_file(state_dir()))
+    except BadInput:
+        return None, ""
+    named = os.environ.get("TWIN_AS")
+    if named and named in keyring:
+        return keyring, named
+    viewers = sorted(keyring.names, key=lambda name: keyring.role(name) != "viewer")
+    return (keyring, viewers[0]) if viewers else (None, "")

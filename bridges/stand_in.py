@@ -47,7 +47,8 @@ class StandIn:
     """Publishes joint states at a rate, moves by its own motion, and obeys commands of others once they come.
 
     The own motion (by command name, rad) repeats after a short pause; it ends for good with the first command of
-    somebody else, since two masters would tear at one hand.
+    somebody else, since two masters would tear at one hand. Where the description names a key for the driver's stop,
+    anything that is put there holds the hand where it is, until this process ends.
     """
 
     def __init__(
@@ -61,6 +62,7 @@ class StandIn:
         self._lock = threading.Lock()
         self.counts = Counts()
         self.obeys_others = False
+        self.stopped = self._held = False
 
     def run(self, connection: Connection, stop: Stoppable, seconds: float | None = None) -> None:
         """Real time until `stop` is set or `seconds` have passed. Nobody needs to listen."""
@@ -83,7 +85,13 @@ class StandIn:
         others = session.declare_subscriber(
             self._description.key("joint_commands"), self._receive, allowed_origin=zenoh.Locality.REMOTE
         )
+        own_stop = self._description.stop
+        if own_stop is not None and own_stop.zenoh_key is not None:
+            others = others, session.declare_subscriber(own_stop.zenoh_key, self._hold)
         return states, commands, others
+
+    def _hold(self, _: zenoh.Sample) -> None:
+        self.stopped = True
 
     def _receive(self, sample: zenoh.Sample) -> None:
         try:
@@ -101,9 +109,15 @@ class StandIn:
 
     def _turn(self, stamp_ns: int, time_s: float, entities: Entities | None) -> None:
         """Targets first, then the reading, both at this stamp; then the plant moves on to the next."""
-        self._obey_others()
-        command = self._own_command(stamp_ns, time_s)
         names, position, velocity, effort = self._plant.measure()
+        if self.stopped:
+            command = None
+            if not self._held:
+                self._held = True
+                self._plant.set_targets(by_command(self._description, JointSample(stamp_ns, names, position)))
+        else:
+            self._obey_others()
+            command = self._own_command(stamp_ns, time_s)
         if entities is not None:
             states, commands, _ = entities
             if command is not None:

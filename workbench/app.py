@@ -21,6 +21,7 @@ from starlette.responses import HTMLResponse, JSONResponse, RedirectResponse, Re
 from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 
+from bridges.stopping import OWN_STOP
 from twin_daemon.errors import BadInput, NoAnswer, Refused, TwinError, UsageError
 from twin_daemon.figures.style import DARK
 from twin_daemon.hand import Hand
@@ -84,8 +85,8 @@ def build(
         try:
             live = hands.addressed(body.get("hand"))
         except TwinError as error:
-            raise NoAnswer(f"NOT stopped: {error.line()}", todo="Use the hand's own emergency stop") from None
-        return live.stop_hand(str(body.get("reason", "from the workbench"))[:400])
+            raise NoAnswer(f"NOT stopped: {error.line()}", todo=OWN_STOP) from None
+        return live.stop_hand(_reason(body, "from the workbench"))
 
     routes: list[BaseRoute] = [
         Route("/", index),
@@ -94,6 +95,7 @@ def build(
         WebSocketRoute("/live", stream_of(hands)),
         posting("/api/keep", lambda body: hands.addressed(body.get("hand")).keep()),
         posting(_STOP, stop),
+        posting("/api/release", lambda body: hands.addressed(body.get("hand")).release_hand(_reason(body, ""))),
         *more,
         Mount("/static", StaticFiles(directory=_HERE / "static")),
     ]
@@ -123,6 +125,10 @@ def reading(path: str, answer: Callable[[Request], Any]) -> Route:
         return found if isinstance(found, Response) else JSONResponse(plain(found))
 
     return Route(path, end_point, methods=["GET"])
+
+
+def _reason(body: dict[str, Any], default: str) -> str:
+    return str(body.get("reason", default))[:400]
 
 
 async def _body(request: Request) -> dict[str, Any]:
@@ -176,6 +182,7 @@ def _page(template: jinja2.Template, hand: Hand, view: View, fleet: bool) -> str
         namespace=description.namespace,
         fleet=fleet,
         own=view.own,
+        driver_stop=description.stop is not None,
         plotly_version=plotly.__version__,
         facts=in_script(plain(facts)),
     )

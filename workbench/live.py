@@ -13,12 +13,15 @@ import zenoh
 
 from bridges import cdr
 from bridges.client import ask
-from bridges.commander import Commander
+from bridges.commander import Commander, who_stops
 from bridges.connection import Connection
 from bridges.guard import Guard
+from bridges.stopping import OWN_STOP, in_words, is_safe
 from twin_daemon.daemon.messages import MalformedPayload
-from twin_daemon.errors import NoAnswer, TwinError
+from twin_daemon.errors import BadInput, NoAnswer, TwinError
+from twin_daemon.gate.identity import keys_file, load_keyring
 from twin_daemon.hand import HandDescription
+from twin_daemon.resources import state_dir
 from workbench.window import Window
 
 log = logging.getLogger(__name__)
@@ -130,10 +133,21 @@ class Live:
         return ask(self._there(), self._description.key("keep"), _KEEP_S)
 
     def stop_hand(self, reason: str) -> dict[str, Any]:
-        """The gate's answer to a stop, which anybody may ask for. Raises NoAnswer: then nothing was stopped."""
+        """What a stop did and did not, with `words` and `safe`; takes a second. Anybody may ask for it. Raises NoAnswer
+        where nothing was stopped."""
         if self._session is None:
-            raise NoAnswer("the daemon cannot be reached: NOT stopped", todo="Use the hand's own emergency stop")
-        return Commander(self._session, self._description).ask("stop", reason=reason)
+            raise NoAnswer("the gate cannot be reached: NOT stopped", todo=OWN_STOP)
+        report = who_stops(self._session, self._description).stop(reason)
+        return report | {"words": in_words(report), "safe": is_safe(report)}
+
+    def release_hand(self, reason: str) -> dict[str, Any]:
+        """The gate's answer to a release in the name of the operator whose key is here. Raises BadInput without one."""
+        path = keys_file(state_dir())
+        keyring = load_keyring(path)
+        name = next((name for name in keyring.names if keyring.role(name) == "operator"), None)
+        if name is None:
+            raise BadInput("no operator's key is here", where=path, todo="Release it with 'twin command release'")
+        return Commander(self._there(), self._description, keyring, name).ask("release", reason=reason)
 
     def _there(self) -> zenoh.Session:
         if self._session is None or self.presence == "away":

@@ -6,6 +6,8 @@ import time
 from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -19,6 +21,7 @@ from bridges.guard import Guard
 from bridges.ros2.conversions import target_body, trajectory_body, trigger_reply
 from bridges.ros2.parameters import ARM_REASON, LEASE
 from bridges.ros2.requests import Requests
+from bridges.stopping import AFTER_S, stop_report
 from twin_daemon.daemon.messages import MalformedPayload
 
 VERBS = ("arm", "disarm", "stop", "release", "recalibrate")
@@ -38,9 +41,9 @@ class Commands:
         self._requests = requests
         self._guard = guard
         self._beating = False
-        group = ReentrantCallbackGroup()
+        self._group, self._steady = ReentrantCallbackGroup(), Clock(clock_type=ClockType.STEADY_TIME)
         for verb in VERBS:
-            node.create_service(Trigger, f"twin/{verb}", self._service(verb), callback_group=group)
+            node.create_service(Trigger, f"twin/{verb}", self._service(verb), callback_group=self._group)
         self._subscribe(JointState, "twin/target", self._target, _STREAM)
         self._subscribe(JointTrajectory, "twin/trajectory", self._trajectory, QoSProfile(depth=10))
         self._subscribe(Empty, "twin/heartbeat", self._heartbeat, _STREAM)
@@ -57,13 +60,31 @@ class Commands:
             try:
                 answer = Future()
                 self._requests.ask(verb, self._body(verb), answer.set_result)
-                response.success, response.message = trigger_reply(verb, await answer or {})
+                told = await answer or {}
+                if verb == "stop" and told.get("accepted") is True:
+                    await self._after(AFTER_S)
+                    status = Future()
+                    self._requests.look(status.set_result, after_stop=True)
+                    told = stop_report(told, await status)
+                response.success, response.message = trigger_reply(verb, told)
             except Exception as error:
                 self._guard.failed(f"the service {verb}", error)
                 response.success, response.message = False, f"the bridge failed: {error!r:.200}"
             return response
 
         return serve
+
+    def _after(self, seconds: float) -> Future:
+        """Done after so long, by the machine's own clock."""
+        passed = Future()
+
+        def end() -> None:
+            timer.cancel()
+            self._node.destroy_timer(timer)
+            passed.set_result(None)
+
+        timer = self._node.create_timer(seconds, end, callback_group=self._group, clock=self._steady)
+        return passed
 
     def _body(self, verb: str) -> dict[str, Any]:
         if verb == "arm":

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from bridges.stopping import in_words, is_safe
 from twin_daemon.daemon.messages import MalformedPayload
 from twin_daemon.recordings.trajectory_commands import TrajectoryMessage
 
@@ -49,7 +50,9 @@ def refusal_line(answer: dict[str, Any]) -> str:
 
 
 def trigger_reply(verb: str, answer: dict[str, Any]) -> tuple[bool, str]:
-    """(success, message) of a std_srvs/Trigger from the gate's reply to a verb."""
+    """(success, message) of a std_srvs/Trigger from the gate's reply to a verb; of a stop from its report."""
+    if verb == "stop" and "latched" in answer:
+        return is_safe(answer), in_words(answer) + ". This is no certified stop"
     if answer.get("accepted") is not True:
         end = ". The hand may go on: use its own emergency stop" if verb == "stop" else ""
         return False, refusal_line(answer) + end
@@ -58,7 +61,6 @@ def trigger_reply(verb: str, answer: dict[str, Any]) -> tuple[bool, str]:
     return True, {
         "arm": "armed" if lease_s is None else f"armed for {lease_s:.0f} s, as {gate.get('commander')}",
         "disarm": "disarmed; what moved comes to rest, and the hand holds",
-        "stop": "stopped; nothing is armed again before twin/release. This is no certified stop",
         "release": "released; not armed",
     }.get(verb, str(answer.get("why") or "accepted"))
 

@@ -23,6 +23,7 @@ from bridges.residual import known_residual
 from bridges.ros2.commands import Commands
 from bridges.ros2.conversions import trajectory_message
 from bridges.ros2.diagnostics import Diagnostics
+from bridges.ros2.driver_stop import RosDriverStop
 from bridges.ros2.link import ZenohLink
 from bridges.ros2.outlet import RosOutlet
 from bridges.ros2.parameters import PERIOD, declare_parameters
@@ -73,6 +74,8 @@ class TwinBridge(Node):
                 self.link.hear(settings.description.key(stream), partial(self._publish, stream))
             self.link.hear(settings.description.key("events"), guard("an event", self.requests.heard_event))
             published = settings.command_output != "none"
+            if settings.description.stop is not None and settings.description.stop.ros_service is not None:
+                RosDriverStop(self, self.link, settings.description, self.guard)
             self._outlet = RosOutlet(self, self.link, settings, self.guard) if published else None
             self._subscribe(JointState, settings.joint_states_topic, self._measured, _SENSOR, raw=True)
             self._subscribe(JointState, settings.joint_commands_topic, self._commanded, _SENSOR, raw=True)

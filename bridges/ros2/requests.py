@@ -8,9 +8,10 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
+from bridges.asking import believed
 from bridges.ros2.conversions import gate_answer, refusal_line
 from bridges.ros2.link import ZenohLink
-from bridges.signer import Signer
+from bridges.signer import Signer, keys_of_the_machine
 from twin_daemon.gate.identity import ANONYMOUS
 from twin_daemon.hand import HandDescription
 
@@ -33,19 +34,34 @@ class Requests:
         self._link = link
         self._key = lambda verb: description.key("command", verb=verb)
         self._signer = signer
+        # anybody may stop; a key only proves who has answered
+        self._stopper = Signer(*keys_of_the_machine()) if signer.anonymous else signer
         self._name = identity or ANONYMOUS
         self._refusing: set[tuple[str, str]] = set()
 
-    def look(self, then: Answered, timeout_s: float = ANSWER_S) -> None:
+    def look(self, then: Answered, timeout_s: float = ANSWER_S, after_stop: bool = False) -> None:
         """Asks for the gate's status; where nobody answers `then` gets a refusal."""
-        key = self._key("status")
 
-        def heard(payload: bytes | None) -> None:
-            status = gate_answer(payload, key, timeout_s)
+        def heard(status: dict[str, Any]) -> None:
             self._signer.learn(status)
             then(status)
 
-        self._link.ask(key, timeout_s, heard)
+        signer = self._stopper if after_stop else self._signer
+        self._sent("status", signer, *signer.signed("status", {}), timeout_s, heard)
+
+    def _sent(
+        self, verb: str, signer: Signer, payload: bytes, proof: bytes | None, timeout_s: float, then: Answered
+    ) -> None:
+        key = self._key(verb)
+
+        def heard(reply: bytes | None, proved: bool) -> None:
+            answer = gate_answer(reply, key, timeout_s) | {"proved": proved}
+            then(answer if signer.anonymous else believed(answer))
+
+        def proves(content: bytes, attachment: bytes | None) -> bool:
+            return signer.proves(verb, payload, content, attachment)
+
+        self._link.ask_gate(key, timeout_s, heard, payload, proof, None if signer.anonymous else proves)
 
     def ask(
         self, verb: str, body: dict[str, Any], then: Answered = lambda _: None, stamp_ns: int | None = None
@@ -65,11 +81,11 @@ class Requests:
         self.look(met)
 
     def _send(self, verb: str, body: dict[str, Any], then: Answered, stamp_ns: int | None, again: bool) -> None:
-        key, timeout_s = self._key(verb), _PLANNING_S if verb == "trajectory" else ANSWER_S
-        payload, proof = self._signer.signed(verb, body, stamp_ns)
+        timeout_s = _PLANNING_S if verb == "trajectory" else ANSWER_S
+        signer = self._stopper if verb == "stop" else self._signer
+        payload, proof = signer.signed(verb, body, stamp_ns)
 
-        def heard(reply: bytes | None) -> None:
-            answer = gate_answer(reply, key, timeout_s)
+        def heard(answer: dict[str, Any]) -> None:
             self._signer.learn(answer)
             if again and answer.get("check") == "session":  # the daemon is a new one, and has done nothing
                 self._send(verb, body, then, stamp_ns, again=False)
@@ -77,7 +93,7 @@ class Requests:
             self._noted(verb, answer)
             then(answer)
 
-        self._link.ask(key, timeout_s, heard, payload, proof)
+        self._sent(verb, signer, payload, proof, timeout_s, heard)
 
     def stream(self, body: dict[str, Any], stamp_ns: int | None) -> None:
         """Puts a streamed target, without waiting for anything."""

@@ -68,7 +68,10 @@ class Office:
             else:
                 who = KEYRING.who(verb, payload, proof)
                 answer = self.gate.ask(verb, read_request(verb, payload), who, now_s, wall_ns)
-            query.reply(key, json.dumps(answer))
+            reply = json.dumps(answer).encode()
+            known = proof is not None and KEYRING.who(verb, payload, proof) is not None
+            signed = KEYRING.answer_proof(proof.who, verb, payload, reply).encode() if proof and known else None
+            query.reply(key, reply, attachment=signed)
 
     def _target(self, sample: zenoh.Sample) -> None:
         proof = Proof.decode(sample.attachment.to_bytes()) if sample.attachment else None

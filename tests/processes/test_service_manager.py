@@ -17,7 +17,8 @@ import zenoh
 
 from bridges import cdr
 from bridges.client import ask
-from bridges.gatekeeper import Gatekeeper, Register
+from bridges.gatekeeper import Gatekeeper
+from bridges.register import Register
 from bridges.session import open_client, session_config
 from tests.processes.manager import Manager
 from twin_daemon.daemon.messages import JointSample

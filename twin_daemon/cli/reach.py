@@ -13,7 +13,7 @@ from twin_daemon.cli.console import emit_json, people, plain_text, progress_cons
 from twin_daemon.cli.leases import keep_lease, lease_file
 from twin_daemon.cli.options import HandName, Json, Model
 from twin_daemon.cli.run import Endpoint, Namespace, load_named
-from twin_daemon.errors import UsageError
+from twin_daemon.errors import Refused, UsageError
 
 if TYPE_CHECKING:
     from twin_daemon.cli.commanding import Desk
@@ -109,19 +109,29 @@ def stop(
     endpoint: Endpoint = None,
     json: Json = None,
 ) -> None:
-    """Bring everything to rest and latch it: nothing is armed again before 'release'. Anybody may do it."""
-    from bridges.commander import Commander
+    """Bring everything to rest and latch it: nothing is armed again before 'release'. Anybody may do it.
+
+    Says after a second whether the hand still moves. Ends with 4 where it does, or where no gate proves to be stopped.
+    """
+    from bridges.commander import who_stops
     from bridges.session import choose_endpoint, open_client
+    from bridges.stopping import OWN_STOP, in_words, is_safe
     from twin_daemon.errors import NoAnswer
 
     address = choose_endpoint(endpoint)
     description = load_named(hand, model, namespace).description
     session = open_client(address, 5.0)
     if session is None:
-        raise NoAnswer(f"nothing answered at {address}: NOT stopped", todo="Use the hand's own emergency stop")
+        raise NoAnswer(f"nothing answered at {address}: NOT stopped", todo=OWN_STOP)
     with session:
-        answer = Commander(session, description).ask("stop", reason=reason)
-    _tell(answer, json, "stopped; 'twin command release' undoes it")
+        try:
+            report = who_stops(session, description).stop(reason)
+        except NoAnswer as error:
+            raise NoAnswer(f"{error.what}: NOT stopped", todo=OWN_STOP) from None
+    emit_json(json, report)
+    if not is_safe(report):
+        raise Refused(in_words(report))
+    people(json).print(f"{in_words(report)}. 'twin command release' undoes it")
 
 
 @app.command("release")

@@ -58,9 +58,10 @@ def command(
     """Run the live twin: follow the hand, predict it, measure the error, answer questions. Ends on SIGTERM."""
     from bridges.access import certified_access, router_access
     from bridges.diagnoser import Diagnoser
-    from bridges.gatekeeper import Gatekeeper, Register
+    from bridges.gatekeeper import Gatekeeper
     from bridges.keep import Keeper
     from bridges.recalibrator import Recalibrator
+    from bridges.register import Register
     from bridges.ring import Ring
     from bridges.ros_keys import RosKeys
     from bridges.session import choose_endpoint, open_daemon, someone_serves

@@ -26,6 +26,7 @@ from twin_daemon.gate.lease import Lease, Sequences
 from twin_daemon.gate.let_go import LetGo
 from twin_daemon.gate.limits import limits_of
 from twin_daemon.gate.motion import Motion, commands_of, row_of
+from twin_daemon.gate.movement import Movement
 from twin_daemon.gate.planning import Planner
 from twin_daemon.gate.preview import Preview
 from twin_daemon.gate.requests import Follow, Move, Request
@@ -95,6 +96,7 @@ class Gate:
         self._number = self._stamp_ns = 0
         self._streamed_s = -np.inf
         self._senses = Senses(twin, self.limits)
+        self.movement = Movement(twin.joints)
         self.use(self.foresight(twin))
 
     def foresight(self, twin: TwinModel) -> Foresight:
@@ -113,6 +115,7 @@ class Gate:
     def measured(self, position: np.ndarray, arrival_s: np.ndarray, effort: Mapping[str, float] | None = None) -> None:
         """Where the joints (j,) were last measured, rad, and when that arrived, s. Waits for nobody."""
         self._senses.measured(position, arrival_s, effort)
+        self.movement.add(position, float(arrival_s.max(initial=-np.inf)))
 
     def seen(self, stamp_ns: int, names: tuple[str, ...], position: np.ndarray, now_s: float) -> None:
         """A command on its way to the hand. One that is not the gate's own ends what the gate does."""
@@ -153,8 +156,11 @@ class Gate:
                 motion = asked.motion if refusal is None else None
                 found = None if motion is None else planner.rehearse(motion, situation.setpoint, measured)
                 return self._answer(asked, refusal, now_s) | {"dry_run": True, "rehearsal": found}
+            was_driving = self.driving
             answer = self._decide(asked, refusal, generation, now_s)
-        return answer | self._latched(answer["gate"]["ended"]) if verb == "stop" else answer
+        if verb != "stop":
+            return answer
+        return answer | {"latched": True, "was_driving": was_driving} | self._latched(answer["gate"]["ended"])
 
     def _latched(self, why: str | None) -> dict[str, Any]:
         """Puts a stop on disk, and says whether that worked. Not under the gate's lock: the setpoints come to rest
@@ -258,6 +264,11 @@ class Gate:
     def active(self) -> bool:
         """Whether turns are needed: the gate is armed, or something still comes to rest or lets go."""
         return self._mode == "armed" or not self._shaper.still or self._letting_go is not None
+
+    @property
+    def driving(self) -> bool:
+        """Whether commands of this gate are under way."""
+        return self._motion is not None or not self._shaper.still
 
     def turn(self, now_s: float, wall_ns: int) -> Sendable | None:
         """One turn of the clock; the command to send, if there is one."""
@@ -386,7 +397,7 @@ class Gate:
                 "reason": None if lease is None else lease.reason,
                 "lease_left_s": None if lease is None else max(lease.until_s - now_s, 0.0),
                 "motion": None if motion is None else motion.name,
-                "moving": not self._shaper.still or motion is not None,
+                "moving": self.driving,
                 "elapsed_s": None if motion is None else motion.elapsed_s,
                 "duration_s": None if motion is None else motion.duration_s,
                 "ended": self._ended or None,
@@ -451,6 +462,7 @@ class Gate:
                 "motion": motion.name if motion is not None else None,
                 "seconds": motion.duration_s if motion is not None else None,
                 "warnings": (self._warnings(asked) or None) if refusal is None else None,
+                "again": True if asked.verb == "stop" and self._mode == "stopped" else None,
             }
         )
 

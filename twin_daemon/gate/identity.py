@@ -20,6 +20,7 @@ Role = Literal["operator", "viewer", "hand"]
 ANONYMOUS = "anonymous"
 KEYS = "keys.json"
 _MAX_PROOF_BYTES = 1000
+_ANSWER = "answer/"  # no verb, so that a proof of a reply proves no request
 _USUAL: dict[str, Role] = {"operator": "operator", "hand": "hand", "viewer": "viewer"}
 _Key = Annotated[str, Field(pattern=r"^[0-9a-f]{64,128}$")]
 
@@ -94,6 +95,17 @@ class Keyring:
         if not hmac.compare_digest(right, proof.code.encode(errors="replace")):
             return None
         return Who(proof.who, known.role)
+
+    def answer_proof(self, name: str, verb: str, request: bytes, reply: bytes) -> Proof:
+        """What shows `name` that this reply to its request comes from one that knows its key, the gate."""
+        return self.sign(name, _ANSWER + verb, hashlib.sha256(request).digest() + reply)
+
+    def proves_answer(self, name: str, verb: str, request: bytes, reply: bytes, proof: Proof | None) -> bool:
+        """Whether a reply to a request of `name` is the gate's own. A request is new each time, and so is its reply."""
+        if proof is None or proof.who != name or name not in self:
+            return False
+        right = self.answer_proof(name, verb, request, reply).code
+        return hmac.compare_digest(right.encode(), proof.code.encode(errors="replace"))
 
     @property
     def names(self) -> tuple[str, ...]:

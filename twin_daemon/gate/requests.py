@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -10,7 +11,8 @@ from twin_daemon.gate.settings import LONGEST_LEASE_S
 
 Verb = Literal["arm", "disarm", "move", "trajectory", "target", "stop", "release", "beat", "recalibrate"]
 _Name = Annotated[str, Field(min_length=1, max_length=200)]
-_Reason = Annotated[str, Field(max_length=500)]
+MOST_REASON = 500
+_Reason = Annotated[str, Field(max_length=MOST_REASON)]
 _Targets = Annotated[dict[_Name, float], Field(max_length=256)]
 MAX_POINTS = 20_000
 
@@ -90,6 +92,7 @@ KINDS: dict[str, type[Arm | Disarm | Beat | Recalibrate | Stop | Release | Targe
     "trajectory": Follow,
 }
 MAX_BYTES = 4 * 2**20
+_MOST_OF_A_STOP = 20_000
 
 
 class BadRequest(Exception):
@@ -97,7 +100,9 @@ class BadRequest(Exception):
 
 
 def read_request(verb: str, payload: bytes) -> Request:
-    """The request of `verb` in JSON bytes. Raises BadRequest."""
+    """The request of `verb` in JSON bytes. Raises BadRequest; for a stop never."""
+    if verb == "stop":
+        return _read_stop(payload)
     if len(payload) > MAX_BYTES:
         raise BadRequest(f"{len(payload)} bytes; at most {MAX_BYTES} are read")
     try:
@@ -108,3 +113,14 @@ def read_request(verb: str, payload: bytes) -> Request:
         raise BadRequest(f"{place}: {first['msg']}" if place else first["msg"]) from None
     except RecursionError:
         raise BadRequest("nested too deeply") from None
+
+
+def _read_stop(payload: bytes) -> Stop:
+    """A stop in any form: its reason where one can be found, cut to what is kept. What else stands there is ignored."""
+    text = payload[:_MOST_OF_A_STOP].decode(errors="replace")
+    try:
+        told = json.loads(text)
+    except (ValueError, RecursionError):
+        told = text
+    reason = told.get("reason", "") if isinstance(told, dict) else told
+    return Stop(reason=" ".join(str("" if reason is None else reason).split())[:MOST_REASON])

@@ -49,6 +49,30 @@ class CommandInfo(_Strict):
 CommandOutput = Literal["none", "joint_commands", "trajectory", "position_controllers"]
 
 
+class DriverStop(_Strict):
+    """The stop that the hand's own driver offers, called with every stop of the gate. Releasing it is the driver's."""
+
+    zenoh_key: Annotated[str, Field(pattern=r"^[^/*#?$\s][^*#?$\s]*$", max_length=200)] | None = None
+    """Put to on a stop."""
+    zenoh_payload: Annotated[str, Field(max_length=1000)] = "stop"
+    ros_service: Name | None = None
+    """Called on a stop, through the ROS 2 bridge."""
+    ros_type: Literal["std_srvs/Trigger", "std_srvs/SetBool"] = "std_srvs/Trigger"
+    set_bool: bool = True
+    """What a SetBool is called with to stop."""
+
+    @model_validator(mode="after")
+    def _something_to_call(self) -> DriverStop:
+        if self.zenoh_key is None and self.ros_service is None:
+            raise ValueError("name a zenoh_key, a ros_service, or both")
+        return self
+
+    def in_words(self) -> str:
+        """What is called, for people."""
+        named = (self.zenoh_key and f"key {self.zenoh_key}", self.ros_service and f"service {self.ros_service}")
+        return " and ".join(filter(None, named))
+
+
 class Topics(_Strict):
     """Names of the ROS topics. {joint} in position_controller is the bare command in lower case: ffj3, ffj0."""
 
@@ -81,6 +105,7 @@ class Keys(_Strict):
     diagnosis: Name = "twin/{ns}/diagnosis"
     recalibration: Name = "twin/{ns}/recalibration"
     command: Name = "twin/{ns}/command/{verb}"
+    driver_stop: Name = "twin/{ns}/driver/stop"
     keep: Name = "twin/{ns}/keep"
     alive: Name = "twin/{ns}/alive"
 
@@ -108,6 +133,8 @@ class HandDescription(_Strict):
     topics: Topics = Field(default_factory=Topics)
     command_output: CommandOutput = "none"
     """As what a hand behind ROS takes commands, on the topic of that name."""
+    stop: DriverStop | None = None
+    """The driver's own stop; without one a stop latches the gate and no more."""
     keys: Keys = Field(default_factory=Keys)
     trajectory_order: list[Name] = Field(default_factory=list)
     """Joints of the numbers in a waypoint's `joint_angles`."""

@@ -33,8 +33,13 @@ export function start() {
   });
   works(element("stop"), async () => {
     const answer = await post("/api/stop", { hand: facts.namespace, reason: "the stop of the workbench" });
-    say(answer.accepted ? "Stopped and latched; 'twin command release' undoes it." : `NOT stopped: ${answer.why}`,
-      answer.accepted ? "note" : "error");
+    say(`${answer.words}.`, answer.safe ? "note" : "error");
+  });
+  needsAllowance(element("release"));
+  works(element("release"), async () => {
+    const answer = await post("/api/release", { hand: facts.namespace, reason: element("release-reason").value });
+    say(answer.accepted ? "Released; not armed." : `Not released: ${answer.why}. ${answer.allowed ?? ""}`, answer.accepted ? "note" : "error");
+    if (answer.accepted) element("release-reason").value = "";
   });
   connect();
   requestAnimationFrame(tick);
@@ -96,6 +101,7 @@ function presence(word, look, words) {
 }
 
 function about(known) {
+  element("release-box").hidden = known.gate !== "stopped";
   presence(known.presence.replace("_", " "), GOOD[known.presence] ?? "bad", known.words);
   drifting = known.drifting_joints;
   const version = known.version ? `${known.version.slice(0, 12)}${known.version_title ? `, ${known.version_title}` : ""}` : "unknown";
