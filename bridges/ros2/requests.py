@@ -34,8 +34,7 @@ class Requests:
         self._link = link
         self._key = lambda verb: description.key("command", verb=verb)
         self._signer = signer
-        # anybody may stop; a key only proves who has answered
-        self._stopper = Signer(*keys_of_the_machine()) if signer.anonymous else signer
+        self._stop_signer = signer
         self._name = identity or ANONYMOUS
         self._refusing: set[tuple[str, str]] = set()
 
@@ -46,8 +45,14 @@ class Requests:
             self._signer.learn(status)
             then(status)
 
-        signer = self._stopper if after_stop else self._signer
+        signer = self._stopper() if after_stop else self._signer
         self._sent("status", signer, *signer.signed("status", {}), timeout_s, heard)
+
+    def _stopper(self) -> Signer:
+        """Anybody may stop; a key only proves who has answered. The daemon may have made the keys meanwhile."""
+        if self._stop_signer.anonymous:
+            self._stop_signer = Signer(*keys_of_the_machine())
+        return self._stop_signer
 
     def _sent(
         self, verb: str, signer: Signer, payload: bytes, proof: bytes | None, timeout_s: float, then: Answered
@@ -82,7 +87,7 @@ class Requests:
 
     def _send(self, verb: str, body: dict[str, Any], then: Answered, stamp_ns: int | None, again: bool) -> None:
         timeout_s = _PLANNING_S if verb == "trajectory" else ANSWER_S
-        signer = self._stopper if verb == "stop" else self._signer
+        signer = self._stopper() if verb == "stop" else self._signer
         payload, proof = signer.signed(verb, body, stamp_ns)
 
         def heard(answer: dict[str, Any]) -> None:

@@ -18,7 +18,7 @@ from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty, Float64
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 
@@ -122,6 +122,17 @@ class Peer(Node):
             self.heard[topic].append(told | {"stamp_s": message.header.stamp.sec})
 
         return hear
+
+    def offer(self, name: str, kind: str, success: bool = True) -> None:
+        """A driver's service: notes what it is called with, and says whether it worked."""
+        self.heard[name] = []
+
+        def serve(request: Any, response: Any) -> Any:
+            self.heard[name].append(getattr(request, "data", None))
+            response.success, response.message = success, "" if success else "the driver is busy"
+            return response
+
+        self.create_service(SetBool if kind == "SetBool" else Trigger, name, serve)
 
     def trajectory(
         self, names: list[str], times_s: list[float], positions: list[list[float]], topic: str = "joint_trajectory"

@@ -106,8 +106,14 @@ def test_the_stream_tells_hand_and_twin_and_who_is_away(workbench: Any, processe
         kept = until(lambda: (found := served.ask("/api/keep", {}))[0] == 200 and found[1]["kept"] and found[1], 40.0)
         assert kept["messages"] > 0
         status, answer = served.ask("/api/stop", {"reason": "a test"}, token=False)
-        assert (status, answer["accepted"]) == (200, True)
+        assert (status, answer["accepted"], answer["proved"]) == (200, True, True)
+        assert (answer["hand_still_moves"], answer["safe"]) == (True, False)  # the hand moves by itself
+        assert "STILL MOVES" in answer["words"]
         frame(lambda f: f.get("about", {}).get("gate") == "stopped")
+        assert served.ask("/api/release", {"reason": "a test"}, token=False)[0] == 403
+        assert "needs a reason" in served.ask("/api/release", {})[1]["why"]
+        assert served.ask("/api/release", {"reason": "a test"})[1]["accepted"]
+        frame(lambda f: f.get("about", {}).get("gate") == "read_only")
 
         processes.end(daemon)
         assert "silent" in frame(lambda f: f.get("about", {}).get("presence") == "away")["about"]["words"]
