@@ -110,7 +110,7 @@ def test_the_stream_tells_hand_and_twin_and_who_is_away(workbench: Any, processe
         assert (answer["hand_still_moves"], answer["safe"]) == (True, False)  # the hand moves by itself
         assert "STILL MOVES" in answer["words"]
         frame(lambda f: f.get("about", {}).get("gate") == "stopped")
-        assert served.ask("/api/release", {"reason": "a test"}, token=False)[0] == 403
+        assert served.ask("/api/release", {"reason": "a test"}, token=False)[0] == 401
         assert "needs a reason" in served.ask("/api/release", {})[1]["why"]
         assert served.ask("/api/release", {"reason": "a test"})[1]["accepted"]
         frame(lambda f: f.get("about", {}).get("gate") == "read_only")
