@@ -48,7 +48,7 @@ publisher = session.declare_publisher(sys.argv[3], congestion_control=zenoh.Cong
 inbox = Inbox()
 subscriber = session.declare_subscriber(sys.argv[2], lambda sample: inbox.put("in", sample.payload.to_bytes()))
 while True:
-    for _, payload, _ in inbox.take(timeout_s=0.05):
+    for _, payload, _, _ in inbox.take(timeout_s=0.05):
         publisher.put(cdr.encode(cdr.decode(payload)))
 """
 _PHASE_S = 30.0

@@ -17,6 +17,7 @@ from bridges.durations import Durations
 from bridges.guard import Guard
 from bridges.outlet import Outlet
 from bridges.register import Register
+from bridges.sources import Sources
 from twin_daemon.gate.checks import NOTHING_SENT
 from twin_daemon.gate.gate import Gate
 from twin_daemon.gate.identity import Keyring, Proof
@@ -57,6 +58,7 @@ class Gatekeeper:
         self._outlet = Outlet(session, description)
         self._driver_stop = DriverStop(session, description)
         self._look_again_s: float | None = None
+        gate.outlet, gate.names_source = self._outlet.source, Sources(session).named
         self._turned_s = time.monotonic()
         self._stop, self._wake = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._turns, name="twin-gate", daemon=True)

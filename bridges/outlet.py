@@ -5,6 +5,7 @@ from __future__ import annotations
 import zenoh
 
 from bridges import cdr
+from bridges.sources import Speaker
 from twin_daemon.daemon.messages import JointSample
 from twin_daemon.gate.sendable import Sendable
 from twin_daemon.hand import HandDescription
@@ -15,15 +16,22 @@ class Outlet:
 
     def __init__(self, session: zenoh.Session, description: HandDescription) -> None:
         self._publishers = [
-            session.declare_publisher(
-                key,
-                encoding="application/cdr",
-                congestion_control=zenoh.CongestionControl.DROP,
-                priority=zenoh.Priority.INTERACTIVE_HIGH,
-                express=True,
+            Speaker(
+                session.declare_publisher(
+                    key,
+                    encoding="application/cdr",
+                    congestion_control=zenoh.CongestionControl.DROP,
+                    priority=zenoh.Priority.INTERACTIVE_HIGH,
+                    express=True,
+                )
             )
             for key in (description.key("joint_commands"), description.key("command", verb="sent"))
         ]
+
+    @property
+    def source(self) -> str:
+        """Who it is on the hand's own key: by this it is told from others that send there."""
+        return self._publishers[0].source
 
     def send(self, command: Sendable) -> None:
         """Sends one command. Raises TypeError for anything that has not passed the gate."""

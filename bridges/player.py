@@ -6,11 +6,11 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-import zenoh
 
 from bridges import cdr
 from bridges.connection import Connection
 from bridges.pace import Pace
+from bridges.sources import Speaker
 from bridges.stop import Stoppable
 from twin_daemon.daemon.messages import JointSample
 from twin_daemon.hand import HandDescription
@@ -96,14 +96,14 @@ def play(
     while connection.session is None:
         if stop.wait(0.02):
             return played
-    states = connection.session.declare_publisher(description.key("joint_states"))
-    commands = connection.session.declare_publisher(description.key("joint_commands"))
+    states = Speaker(connection.session.declare_publisher(description.key("joint_states")))
+    commands = Speaker(connection.session.declare_publisher(description.key("joint_commands")))
     deadline_s = time.monotonic() + _LISTENER_WAIT_S
     # who hears one stream and not yet the other would get commands after the states that they lead to
     needed = [states, *([commands] if any(t.is_command.any() for t in timelines) else [])]
-    while not all(map(_heard, needed)) and time.monotonic() < deadline_s and not stop.wait(0.02):
+    while not all(one.is_heard for one in needed) and time.monotonic() < deadline_s and not stop.wait(0.02):
         pass
-    played.listened = _heard(states)
+    played.listened = states.is_heard
     pace, begun_s = Pace(stop), time.monotonic()
     next_ns, elapsed_s, round_number = time.time_ns(), 0.0, 0
     while not stop.is_set() and (loop or round_number == 0):
@@ -127,9 +127,3 @@ def play(
     played.duration_s = time.monotonic() - begun_s
     played.stalls = pace.stalls
     return played
-
-
-def _heard(publisher: zenoh.Publisher) -> bool:
-    """Whether somebody listens. The stubs of the binding call the status a bool; it is an object that holds one."""
-    status = publisher.matching_status
-    return bool(getattr(status, "matching", status))

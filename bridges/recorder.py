@@ -121,7 +121,7 @@ class Recorder:
         end_s = time.monotonic() + seconds
         while True:
             with self._disk():
-                for stream, payload, arrival_s in self._inbox.take(min(0.1, max(end_s - time.monotonic(), 0.0))):
+                for stream, payload, arrival_s, _ in self._inbox.take(min(0.1, max(end_s - time.monotonic(), 0.0))):
                     self._write(stream, payload, arrival_s)
                 now_s = time.monotonic()
                 if now_s >= self._next_flush_s:

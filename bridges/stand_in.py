@@ -13,13 +13,14 @@ import zenoh
 from bridges import cdr
 from bridges.connection import Connection
 from bridges.pace import Pace
+from bridges.sources import Speaker
 from bridges.stop import Stoppable
 from twin_daemon.daemon.messages import JointSample, MalformedPayload
 from twin_daemon.hand import Hand, HandDescription, match
 from twin_daemon.signals.trajectory import Trajectory
 
 _PAUSE_S = 0.5
-Entities = tuple[zenoh.Publisher, zenoh.Publisher, object]
+Entities = tuple[Speaker, Speaker, object]
 
 
 class Hardware(Protocol):
@@ -80,8 +81,8 @@ class StandIn:
         self.counts.stalls = pace.stalls
 
     def _declare(self, session: zenoh.Session) -> Entities:
-        states = session.declare_publisher(self._description.key("joint_states"))
-        commands = session.declare_publisher(self._description.key("joint_commands"))
+        states = Speaker(session.declare_publisher(self._description.key("joint_states")))
+        commands = Speaker(session.declare_publisher(self._description.key("joint_commands")))
         others = session.declare_subscriber(
             self._description.key("joint_commands"), self._receive, allowed_origin=zenoh.Locality.REMOTE
         )

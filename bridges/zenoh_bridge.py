@@ -6,6 +6,7 @@ import json
 import logging
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import zenoh
@@ -16,9 +17,10 @@ from bridges.guard import Guard
 from bridges.inbox import Inbox
 from bridges.ring import Ring
 from bridges.ros_keys import RosKeys
+from bridges.sources import Sources
 from bridges.stop import Stoppable
 from bridges.streams import heard_keys, subscriptions
-from twin_daemon.daemon.messages import JointSample, MalformedPayload
+from twin_daemon.daemon.messages import ROS_SOURCE, JointSample, MalformedPayload
 from twin_daemon.daemon.service import TwinService
 
 log = logging.getLogger(__name__)
@@ -74,10 +76,12 @@ class ZenohBridge:
             }.items()
         }
         self._entities = [self._declare_question(key, answer) for key, answer in (answers | (extra or {})).items()]
+        self._sources = Sources(session)
+        service.names_source = self._sources.named
         self._entities += self._subscribe_streams(heard_keys(service.hand.description))
         self._ros = ros
         if ros is not None:
-            self._entities += self._subscribe_streams(ros.subscribed)
+            self._entities += self._subscribe_streams(ros.subscribed, ROS_SOURCE)
             self._publishers["ros"] = session.declare_publisher(
                 ros.published, encoding="application/cdr", congestion_control=zenoh.CongestionControl.DROP
             )
@@ -86,15 +90,15 @@ class ZenohBridge:
 
     # -- declarations --------------------------------------------------------------------------------------
 
-    def _subscribe_streams(self, keys: dict[str, str]) -> list[Any]:
-        return [self._subscribe(key, streams) for key, streams in subscriptions(keys).items()]
+    def _subscribe_streams(self, keys: dict[str, str], by: str = "") -> list[Any]:
+        return [self._subscribe(key, streams, by) for key, streams in subscriptions(keys).items()]
 
-    def _subscribe(self, expression: str, streams: dict[str, str]) -> Any:
+    def _subscribe(self, expression: str, streams: dict[str, str], by: str) -> Any:
         def sort(sample: zenoh.Sample) -> None:
             # a key with wildcards is that of a single stream
             stream = streams.get(expression) or streams.get(str(sample.key_expr))
             if stream is not None:
-                self.inbox.put(stream, sample.payload.to_bytes())
+                self.inbox.put(stream, sample.payload.to_bytes(), by + self._sources.of(sample))
 
         return self._session.declare_subscriber(expression, sort)
 
@@ -127,8 +131,8 @@ class ZenohBridge:
         end_s = None if seconds is None else time.monotonic() + seconds
         next_health_s = 0.0
         while not stop.is_set() and (end_s is None or time.monotonic() < end_s):
-            for stream, payload, arrival_s in self.inbox.take(timeout_s=0.05):
-                self._guard.run(f"a message of {stream}", self._handle, stream, payload, arrival_s)
+            for stream, payload, arrival_s, source in self.inbox.take(timeout_s=0.05):
+                self._guard.run(f"a message of {stream}", self._handle, stream, payload, arrival_s, source)
             self._guard.run("the events", self._publish_events)
             if time.monotonic() >= next_health_s:
                 next_health_s = time.monotonic() + self.service.settings.health_period_s
@@ -136,9 +140,9 @@ class ZenohBridge:
             if each_turn is not None:
                 self._guard.run("a turn of the loop", each_turn)
 
-    def _handle(self, stream: str, payload: bytes, arrival_s: float) -> None:
+    def _handle(self, stream: str, payload: bytes, arrival_s: float, source: str) -> None:
         try:
-            sample = cdr.decode(payload)
+            sample = replace(cdr.decode(payload), source=source)
         except MalformedPayload as error:
             self.service.refuse(stream, error.kind)
             return

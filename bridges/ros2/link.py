@@ -16,6 +16,7 @@ import zenoh
 from bridges.asking import Proves
 from bridges.connection import Connection
 from bridges.inbox import Inbox
+from bridges.sources import Speaker
 from twin_daemon.hand import HandDescription
 
 log = logging.getLogger("twin.bridge")
@@ -45,7 +46,7 @@ class ZenohLink:
         self.counts: Counter[str] = Counter()
         self._key = description.key
         self._wake = wake
-        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._publishers: dict[str, Speaker] = {}
         self._hearers: dict[str, Callable[[bytes], None]] = {}
         self._subscribers: list[Any] = []
         self._answers: SimpleQueue[tuple[int, bytes | None, bool]] = SimpleQueue()
@@ -86,8 +87,10 @@ class ZenohLink:
         self._subscribers = [self._subscribe(session, key) for key in self._hearers]
         self._subscribers += [session.declare_queryable(key, self._asked) for key in self._served]
         self._publishers = {
-            stream: session.declare_publisher(
-                self._key(stream), encoding="application/cdr", congestion_control=zenoh.CongestionControl.DROP
+            stream: Speaker(
+                session.declare_publisher(
+                    self._key(stream), encoding="application/cdr", congestion_control=zenoh.CongestionControl.DROP
+                )
             )
             for stream in TO_THE_TWIN
         }
@@ -185,7 +188,7 @@ class ZenohLink:
         now_s = time.monotonic()
         for number in [number for number, (_, end_s) in self._open.items() if now_s > end_s]:
             self._open.pop(number)[0](None, False)
-        for key, heard, _ in self.inbox.take(timeout_s=0.0):
+        for key, heard, _, _ in self.inbox.take(timeout_s=0.0):
             self._hearers[key](heard)
 
     def give_up(self) -> int:

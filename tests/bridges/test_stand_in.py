@@ -40,7 +40,7 @@ def test_the_oldest_message_gives_way_and_is_counted() -> None:
     inbox = Inbox(size=3)
     for number in range(5):
         inbox.put("joint_states", bytes([number]))
-    assert [payload[0] for _, payload, _ in inbox.take(0.0)] == [2, 3, 4]
+    assert [payload[0] for _, payload, _, _ in inbox.take(0.0)] == [2, 3, 4]
     assert inbox.dropped == 2
     assert inbox.take(0.0) == []
 

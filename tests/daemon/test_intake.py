@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -99,3 +101,32 @@ def test_accepted_stamps_increase_except_at_a_restart(stamps: list[int]) -> None
             assert stamp > last
         if verdict in ("ok", "restarted"):
             last = stamp
+
+
+def said(gate: Intake, source: str, stamp_ns: int, now_s: float) -> tuple[bool, list[str]]:
+    """Whether a message was believed, and what was doubted about it."""
+    accepted = gate.accept(replace(sample(stamp_ns), source=source), 0, now_s)
+    return accepted is not None, [doubt.kind for doubt in gate.take_doubts()]
+
+
+def test_of_two_sources_at_once_the_first_is_believed_and_the_second_named() -> None:
+    gate = intake()
+    assert said(gate, "driver", 1000, 0.0) == (True, [])
+    assert said(gate, "ahead", 300_000_000, 0.01) == (False, ["second_source"])
+    assert said(gate, "", 300_000_001, 0.02) == (False, ["second_source"])
+    assert said(gate, "driver", 2000, 0.03) == (True, [])
+    # a message about other joints is no rival
+    assert gate.accept(replace(sample(9, ("gripper",)), source="arm"), 0, 0.04) is None
+    assert gate.take_doubts() == []
+    assert said(gate, "ahead", 400_000_000, 1.2) == (True, ["source_changed"])
+    assert gate.counts["second_source"] == 2
+
+
+def test_one_overtaken_message_is_told_and_stamps_that_go_back_and_forth_are_serious() -> None:
+    gate = intake()
+    stamps = [10, 20, 15, 30, 25, 40, 35]
+    serious = []
+    for number, stamp_ns in enumerate(stamps):
+        gate.accept(replace(sample(stamp_ns), source="driver"), 0, 0.1 * number)
+        serious += [(doubt.serious, round(doubt.back_s * 1e9)) for doubt in gate.take_doubts()]
+    assert serious == [(False, 5), (False, 5), (True, 5)]

@@ -32,6 +32,11 @@ def silent(rig: Rig) -> Rig:
     return rig
 
 
+def doubted(rig: Rig) -> Rig:
+    rig.gate.doubt("second_source", "a second source", rig.now_s)
+    return rig
+
+
 def one_joint_silent(rig: Rig) -> Rig:
     rig.arm()
     heard_s = np.full(len(rig.joints), rig.now_s)
@@ -53,6 +58,7 @@ SCENARIOS: dict[tuple[str, str], Scenario] = {
     ("nobody_else", "arm"): lambda rig: armed(rig).ask("arm", BOB, reason="x"),
     ("has_reason", "arm"): lambda rig: rig.ask("arm", reason="  "),
     ("hand_is_heard", "arm"): lambda rig: silent(rig).ask("arm", reason="x"),
+    ("hand_is_believed", "arm"): lambda rig: doubted(rig).ask("arm", reason="x"),
     ("armed_by_asker", "disarm"): lambda rig: armed(rig).ask("disarm", BOB),
     ("holds_the_lease", "beat"): lambda rig: armed(rig).ask("beat", BOB),
     ("is_stopped", "release"): lambda rig: rig.ask("release", reason="x"),

@@ -69,11 +69,24 @@ def test_a_trajectory_can_say_how_long_the_way_to_its_first_point_takes(rig: Rig
     assert hasty["check"] == "velocity"
 
 
+def forged(rig: Rig, other_rad: float, later_s: float = 0.0, source: str | None = None) -> None:
+    """The last command of the gate as somebody else sends it: with its stamp."""
+    rig.gate.outlet = "the gate's own"
+    sent = next(one for one in (rig.turn() for _ in range(50)) if one is not None)
+    rig.gate.seen(sent.stamp_ns, sent.names, sent.position, rig.now_s, rig.gate.outlet)
+    assert rig.status["mode"] == "armed"
+    rig.gate.seen(sent.stamp_ns, sent.names, sent.position + other_rad, rig.now_s + later_s, source)
+
+
 LOSSES: dict[str, tuple[str, Any]] = {
     "commander": ("silent", lambda rig: None),
     "stale": ("last heard", lambda rig: setattr(rig, "speaks", False)),
     "standstill": ("stood still", lambda rig: rig.turn(0.5)),
     "foreign": ("somebody else", lambda rig: rig.gate.seen(5, ("rh_FFJ3",), np.array([0.1]), rig.now_s + 1.0)),
+    "copied stamp": ("somebody else", lambda rig: forged(rig, rig.gate.settings.jump_rad)),
+    "sent again later": ("somebody else", lambda rig: forged(rig, 0.0, 2.5)),
+    "another publisher": ("somebody else", lambda rig: forged(rig, 0.0, source="another")),
+    "second source": ("two hands", lambda rig: rig.gate.doubt("second_source", "two hands", rig.now_s)),
     "disarm": ("disarmed", lambda rig: rig.ask("disarm")),
     "stop": ("stopped", lambda rig: rig.ask("stop", BOB)),
 }

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin_daemon.daemon.messages import JointSample
+from twin_daemon.daemon.one_source import Doubt, OneSource
 from twin_daemon.daemon.stamps import StampOrder
 from twin_daemon.hand.naming import match
 
@@ -54,6 +55,8 @@ class Intake:
         self._upper = np.minimum(np.asarray(upper, float) + margin_rad, _LARGEST)
         self._layouts: dict[tuple[str, ...], _Layout] = {}
         self._order = StampOrder()
+        self._sources = OneSource()
+        self._doubts: list[Doubt] = []
         self.received = 0
         self.accepted = 0
         self.counts: Counter[str] = Counter()
@@ -64,8 +67,10 @@ class Intake:
         self.received += 1
         self.counts[kind] += 1
 
-    def accept(self, sample: JointSample, arrival_ns: int) -> Accepted | None:
-        """The part of a message that can be used, or None. `arrival_ns` stands in for an empty stamp."""
+    def accept(self, sample: JointSample, arrival_ns: int, now_s: float | None = None) -> Accepted | None:
+        """The part of a message that can be used, or None. `arrival_ns` stands in for an empty stamp, and for `now_s`
+        on a monotonic clock."""
+        now_s = arrival_ns * 1e-9 if now_s is None else now_s
         self.received += 1
         layout = self._check_shape(sample)
         if layout is None:
@@ -82,6 +87,12 @@ class Intake:
             if not usable.any():
                 return None
             index, position = index[usable], position[usable]
+        doubt = self._sources.doubt(sample.source, now_s)
+        if doubt is not None:
+            self.counts[doubt.kind] += 1
+            self._doubts.append(doubt)
+            if doubt.kind == "second_source":
+                return None
         stamp_ns = sample.stamp_ns
         if stamp_ns == 0:
             self.counts["no_stamp"] += 1
@@ -89,11 +100,19 @@ class Intake:
         verdict = self._order.judge(stamp_ns)
         if verdict in ("duplicate_stamp", "backwards_stamp"):
             self.counts[verdict] += 1
+            if verdict == "backwards_stamp":
+                back_ns = self._order.last_ns - stamp_ns
+                self._doubts.append(self._sources.backwards(sample.source, back_ns, now_s))
             return None
         if verdict == "restarted":
             self.counts["stamps_restarted"] += 1
         self.accepted += 1
         return Accepted(stamp_ns, index, position, restarted=verdict == "restarted")
+
+    def take_doubts(self) -> list[Doubt]:
+        """What has been wrong with the source of the states since the last call."""
+        taken, self._doubts = self._doubts, []
+        return taken
 
     def _check_shape(self, sample: JointSample) -> _Layout | None:
         count = len(sample.names)

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 _NOTHING = np.zeros(0)
+ROS_SOURCE = "ros2:"
+"""What the source of a message begins with that came under a ROS 2 system's key."""
 
 
 class MalformedPayload(Exception):
@@ -23,6 +25,7 @@ class JointSample:
     """A decoded joint state or joint command, not yet trusted: lengths, names and numbers may be anything.
 
     `position` (k,) rad, `velocity` (k,) rad/s, `effort` (k,) in the driver's units; the last two may be empty.
+    `source` is who published it, as the transport tells; "" where it does not.
     """
 
     stamp_ns: int
@@ -30,6 +33,7 @@ class JointSample:
     position: np.ndarray
     velocity: np.ndarray = field(default_factory=lambda: _NOTHING)
     effort: np.ndarray = field(default_factory=lambda: _NOTHING)
+    source: str = ""
 
 
 @dataclass(frozen=True)

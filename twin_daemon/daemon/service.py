@@ -18,8 +18,9 @@ from twin_daemon.daemon import reports
 from twin_daemon.daemon.drift import Alarm, Drift
 from twin_daemon.daemon.events import Event, EventLog
 from twin_daemon.daemon.intake import MAX_NAMES, Intake
-from twin_daemon.daemon.messages import JointSample, Output, number
+from twin_daemon.daemon.messages import ROS_SOURCE, JointSample, Output, number
 from twin_daemon.daemon.mirror import Mirror
+from twin_daemon.daemon.one_source import Doubt, in_words
 from twin_daemon.daemon.predictor import Prediction, as_sample
 from twin_daemon.daemon.ready import Ready
 from twin_daemon.daemon.residual import Residual
@@ -31,6 +32,7 @@ from twin_daemon.simulation.twin import TwinModel
 
 # A command whose stamp is farther than this from the hand's clock was stamped by another clock.
 _CLOCK_SKEW_NS = 1_000_000_000
+_TELL_AGAIN_S = 10.0
 
 
 class TwinService:
@@ -72,6 +74,8 @@ class TwinService:
         self.intake = Intake(twin.joints, *_joint_ranges(twin))
         self._last_residual_s = -np.inf
         self._was_stale = True
+        self.names_source: Callable[[str], str] = repr
+        self._doubts_told_s: dict[str, float] = {}
         self._lock = threading.RLock()
         self._load(Ready.made(twin, self.settings, None), version)
         self.tell("started", f"the twin of {self.hand.description.name} runs version {version['id']}")
@@ -85,7 +89,9 @@ class TwinService:
         """
         with self._lock:
             arrival_ns = self.wall_ns()
-            accepted = self.intake.accept(sample, arrival_ns)
+            accepted = self.intake.accept(sample, arrival_ns, self.monotonic_s())
+            for doubt in self.intake.take_doubts():
+                self._doubted(doubt)
             if accepted is None:
                 return None
             if accepted.restarted:
@@ -126,6 +132,16 @@ class TwinService:
             for alarm in self.drifts.add(prediction.stamp_ns, residual, prediction.velocity, prediction.touched):
                 self._tell_drift(alarm)
 
+    def _doubted(self, doubt: Doubt) -> None:
+        """Ends what the gate does where it is serious, and says once in a while who it was."""
+        why, now_s = in_words(doubt, self.names_source), self.monotonic_s()
+        if doubt.serious and self.gate is not None:
+            self.gate.doubt(doubt.kind, why, now_s)
+        told_s = self._doubts_told_s.get(doubt.kind, -np.inf)
+        if doubt.kind == "source_changed" or now_s - told_s > _TELL_AGAIN_S:
+            self._doubts_told_s[doubt.kind] = now_s
+            self.tell(doubt.kind, why, {"source": doubt.source, "believed": doubt.believed, "back_s": doubt.back_s})
+
     def _efforts(self, sample: JointSample) -> dict[str, float] | None:
         """The efforts that the gate has limits for, by joint."""
         watched = self.gate.settings.effort_limit if self.gate is not None else {}
@@ -151,7 +167,9 @@ class TwinService:
                 return False
             self.command_arrival_s = self.monotonic_s()
             if self.gate is not None:
-                self.gate.seen(sample.stamp_ns, sample.names, sample.position, self.command_arrival_s)
+                # a bridge to ROS sends back what it was sent
+                source = None if sample.source.startswith(ROS_SOURCE) else sample.source
+                self.gate.seen(sample.stamp_ns, sample.names, sample.position, self.command_arrival_s, source)
             return True
 
     @staticmethod

@@ -21,6 +21,11 @@ class StampOrder:
         self._candidate_ns: int | None = None
         self._in_row = 0
 
+    @property
+    def last_ns(self) -> int:
+        """The latest stamp that was accepted; 0 before the first."""
+        return self._last_ns or 0
+
     def judge(self, stamp_ns: int) -> Verdict:
         """What to do with a message of this stamp. 'restarted' is accepted, and what was known before is void."""
         if self._last_ns is None or stamp_ns > self._last_ns:

@@ -49,6 +49,7 @@ class Situation:
     settings: GateSettings
     setpoint: np.ndarray
     age_s: np.ndarray  # since each command's joints were last measured; infinite before the first time
+    doubt: str | None = None  # why what is told of the hand may not be the hand's
 
 
 @dataclass(frozen=True)
@@ -144,6 +145,12 @@ def hand_is_heard(_: Asked, situation: Situation) -> Refusal | None:
     if age_s <= situation.settings.state_timeout_s:
         return None
     return Refusal("heard", _silence("the hand", age_s), f"{situation.settings.state_timeout_s:g} s at most")
+
+
+def hand_is_believed(_: Asked, situation: Situation) -> Refusal | None:
+    if situation.doubt is None:
+        return None
+    return Refusal("doubt", situation.doubt, "one source of joint states, and two seconds of it alone")
 
 
 def holds_the_lease(asked: Asked, situation: Situation) -> Refusal | None:
@@ -250,7 +257,7 @@ def _silence(what: str, age_s: float) -> str:
 IDENTITY: tuple[Check, ...] = (identity_proved, may_command, of_this_session, in_order, recent)
 """Whose request it is, before anything is computed for it."""
 ALLOWED: dict[str, tuple[Check, ...]] = {
-    "arm": (not_stopped, nobody_else, has_reason, hand_is_heard),
+    "arm": (not_stopped, nobody_else, has_reason, hand_is_heard, hand_is_believed),
     "disarm": (armed_by_asker,),
     "beat": (holds_the_lease,),
     "stop": (),

@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import secrets
 import threading
-from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -27,6 +26,7 @@ from twin_daemon.gate.let_go import LetGo
 from twin_daemon.gate.limits import limits_of
 from twin_daemon.gate.motion import Motion, commands_of, row_of
 from twin_daemon.gate.movement import Movement
+from twin_daemon.gate.own import OwnCommands
 from twin_daemon.gate.planning import Planner
 from twin_daemon.gate.preview import Preview
 from twin_daemon.gate.requests import Follow, Move, Request
@@ -38,9 +38,9 @@ from twin_daemon.gate.trips import PRESSES, Trip, Trips, Turn
 from twin_daemon.simulation.twin import TwinModel
 
 Witness = Callable[[dict[str, Any]], None]
-_REMEMBERED = 512  # stamps of commands that were sent
 _STREAM_S = 1.0  # targets closer than this are one stream
 _RESEND_S = 0.2  # a target that is held is said again: one message may be lost
+_DOUBT_S = 2.0  # after the last sign of it
 _GRACE_S = 0.5  # for another source to notice that it is no longer the only one
 
 
@@ -88,11 +88,14 @@ class Gate:
         self._generation = 0
         self._motion: Motion | None = None
         self._last_turn_s: float | None = None
-        self._sent: deque[int] = deque(maxlen=_REMEMBERED)
+        self._own = OwnCommands()
+        self.outlet = ""
+        self.names_source: Callable[[str], str] = repr
         self._sent_s = self._first_sent_s = -np.inf
         self._sent_row = np.full(len(self.limits.names), np.nan)
         self._is_last = False  # whether the hand's last command was the gate's
         self._letting_go: LetGo | None = None
+        self._doubt, self._doubt_s = "", -np.inf
         self._number = self._stamp_ns = 0
         self._streamed_s = -np.inf
         self._senses = Senses(twin, self.limits)
@@ -117,9 +120,13 @@ class Gate:
         self._senses.measured(position, arrival_s, effort)
         self.movement.add(position, float(arrival_s.max(initial=-np.inf)))
 
-    def seen(self, stamp_ns: int, names: tuple[str, ...], position: np.ndarray, now_s: float) -> None:
-        """A command on its way to the hand. One that is not the gate's own ends what the gate does."""
-        if stamp_ns in self._sent:
+    def seen(
+        self, stamp_ns: int, names: tuple[str, ...], position: np.ndarray, now_s: float, source: str | None = None
+    ) -> None:
+        """A command on its way to the hand. One that is not the gate's own ends what the gate does: it has another
+        content than what was sent, or comes from another `source` than the `outlet` (None: it may be an echo)."""
+        elsewhere = source is not None and bool(self.outlet) and source != self.outlet
+        if not elsewhere and self._own.holds(stamp_ns, names, position, now_s):
             return
         with self._lock:
             try:
@@ -129,7 +136,8 @@ class Gate:
             self._senses.told(row_of(self.limits, row))
             self._is_last = False
             if self._mode == "armed" and now_s > self._first_sent_s + _GRACE_S > 0.0:
-                self._end(Trip("foreign", "somebody else sends commands to this hand, past the gate"), now_s)
+                by = f": {self.names_source(source)}" if source else ""
+                self._end(Trip("foreign", f"somebody else sends commands to this hand, past the gate{by}"), now_s)
 
     # -- requests ------------------------------------------------------------------------------------------
 
@@ -334,12 +342,12 @@ class Gate:
             return None
         self._number += 1
         self._stamp_ns = max(wall_ns, self._stamp_ns + 1)
-        self._sent.append(self._stamp_ns)
         self._sent_row, self._sent_s, self._is_last = row.copy(), now_s, True
         self._senses.told(row)
         if self._first_sent_s < 0.0:
             self._first_sent_s = now_s
         names = tuple(name for name, known in zip(self.limits.names, given, strict=True) if known)
+        self._own.sent(self._stamp_ns, names, row[given], now_s)
         return make_sendable(self._number, self._stamp_ns, names, row[given])
 
     def _end(self, trip: Trip, now_s: float, tell: bool = True) -> None:
@@ -371,6 +379,12 @@ class Gate:
             shaper.begin(rest)
             self._last_turn_s = None
         self._letting_go = found
+
+    def doubt(self, kind: str, why: str, now_s: float) -> None:
+        """What is told of the hand may not be the hand's: the lease ends, and nobody arms in the next seconds."""
+        with self._lock:
+            self._doubt, self._doubt_s = why, now_s
+            self.end(kind, why, now_s)
 
     def end(self, kind: str, why: str, now_s: float) -> None:
         """Ends the lease for a reason of the gate's keeper, and brings what moves to rest."""
@@ -420,6 +434,7 @@ class Gate:
             settings=self.settings,
             setpoint=self._start(),
             age_s=self._senses.ages_s(now_s),
+            doubt=self._doubt if now_s - self._doubt_s <= _DOUBT_S else None,
         )
 
     def _start(self) -> np.ndarray:
