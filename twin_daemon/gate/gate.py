@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from twin_daemon.errors import BadInput
+from twin_daemon.gate import told
 from twin_daemon.gate.checks import ALLOWED, IDENTITY, MOTION, Asked, Refusal, Situation, first_refusal, identity_proved
 from twin_daemon.gate.expected import Expected
 from twin_daemon.gate.identity import Who
@@ -459,27 +460,13 @@ class Gate:
     def _record(self, asked: Asked, refusal: Refusal | None, now_s: float) -> None:
         if asked.verb == "beat" and refusal is None:
             return
-        motion = asked.motion
         if asked.verb == "target" and refusal is None:
             streamed_s, self._streamed_s = self._streamed_s, now_s
             if now_s - streamed_s < _STREAM_S:
                 return  # a stream is recorded when it begins
-        self.witness(
-            {
-                "verb": asked.verb,
-                "who": asked.who.name if asked.who is not None else None,
-                "accepted": refusal is None,
-                "check": refusal.check if refusal is not None else None,
-                "why": refusal.line() if refusal is not None else None,
-                "reason": asked.reason or None,
-                "lease_s": asked.lease_s if asked.verb == "arm" else None,
-                "targets": dict(asked.targets) if motion is not None and motion.kind != "trajectory" else None,
-                "motion": motion.name if motion is not None else None,
-                "seconds": motion.duration_s if motion is not None else None,
-                "warnings": (self._warnings(asked) or None) if refusal is None else None,
-                "again": True if asked.verb == "stop" and self._mode == "stopped" else None,
-            }
-        )
+        warnings = (self._warnings(asked) or None) if refusal is None else None
+        again = True if asked.verb == "stop" and self._mode == "stopped" else None
+        self.witness(told.entry(asked, refusal) | {"warnings": warnings, "again": again})
 
     def _warnings(self, asked: Asked) -> list[str]:
         """What whoever arms has to know: which guard is not there."""
@@ -498,15 +485,5 @@ class Gate:
         return found
 
     def _answer(self, asked: Asked, refusal: Refusal | None, now_s: float) -> dict[str, Any]:
-        return {
-            "schema": 1,
-            "verb": asked.verb,
-            "accepted": refusal is None,
-            "check": refusal.check if refusal is not None else None,
-            "why": refusal.why if refusal is not None else None,
-            "allowed": refusal.allowed if refusal is not None else None,
-            "consequence": refusal.consequence if refusal is not None else None,
-            "seconds": asked.motion.duration_s if asked.motion is not None else None,
-            "warnings": self._warnings(asked) if refusal is None else [],
-            "gate": self.status(now_s),
-        }
+        warnings = self._warnings(asked) if refusal is None else []
+        return told.reply(asked, refusal) | {"warnings": warnings, "gate": self.status(now_s)}

@@ -1,0 +1,38 @@
+"""What the gate says of a request: to whoever asked, and to the record."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from twin_daemon.gate.checks import Asked, Refusal
+
+
+def reply(asked: Asked, refusal: Refusal | None) -> dict[str, Any]:
+    """The reply to a request, without the gate's state."""
+    return {
+        "schema": 1,
+        "verb": asked.verb,
+        "accepted": refusal is None,
+        "check": refusal.check if refusal is not None else None,
+        "why": refusal.why if refusal is not None else None,
+        "allowed": refusal.allowed if refusal is not None else None,
+        "consequence": refusal.consequence if refusal is not None else None,
+        "seconds": asked.motion.duration_s if asked.motion is not None else None,
+    }
+
+
+def entry(asked: Asked, refusal: Refusal | None) -> dict[str, Any]:
+    """The entry of a decision in the audit log."""
+    motion = asked.motion
+    return {
+        "verb": asked.verb,
+        "who": asked.who.name if asked.who is not None else None,
+        "accepted": refusal is None,
+        "check": refusal.check if refusal is not None else None,
+        "why": refusal.line() if refusal is not None else None,
+        "reason": asked.reason or None,
+        "lease_s": asked.lease_s if asked.verb == "arm" else None,
+        "targets": dict(asked.targets) if motion is not None and motion.kind != "trajectory" else None,
+        "motion": motion.name if motion is not None else None,
+        "seconds": motion.duration_s if motion is not None else None,
+    }
