@@ -19,6 +19,7 @@ from cryptography.x509.oid import NameOID
 from bridges.tls import AUTHORITY, CERTIFICATE, KEY
 from twin_daemon.errors import BadInput
 from twin_daemon.files import write_atomically
+from twin_daemon.privileges import as_root
 
 _OWN = "authority"
 _LASTS = timedelta(days=3650)
@@ -29,21 +30,23 @@ _SECRET = 0o600
 
 
 class Authority:
-    """Its certificate and key are in `folder`/authority, and each name's in `folder`/NAME, with the authority's
-    certificate beside them: one folder is all that a machine needs."""
+    """Its certificate and key are in a folder of its `own`, `folder`/authority by default, and each name's in
+    `folder`/NAME, with the authority's certificate beside them: one folder is all that a machine needs."""
 
-    def __init__(self, folder: Path) -> None:
-        """Opens the authority of `folder`, or makes it. Raises BadInput where its files cannot be read."""
+    def __init__(self, folder: Path, own: Path | None = None) -> None:
+        """Opens the authority, or makes it. Raises BadInput where its files cannot be read or written."""
         self.folder = folder
-        own = folder / _OWN
-        if not (own / KEY).exists():
-            key = ec.generate_private_key(ec.SECP256R1())
-            name = _named("twin authority")
-            built = _begun(name, name, key, _LASTS).add_extension(x509.BasicConstraints(ca=True, path_length=0), True)
-            _write(own, key, built.sign(key, hashes.SHA256()))
+        own = folder / _OWN if own is None else own
         try:
-            loaded = serialization.load_pem_private_key((own / KEY).read_bytes(), None)
-            self.certificate = x509.load_pem_x509_certificate((own / CERTIFICATE).read_bytes())
+            with as_root(own):
+                if not (own / KEY).exists():
+                    key = ec.generate_private_key(ec.SECP256R1())
+                    name = _named("twin authority")
+                    made = _begun(name, name, key, _LASTS)
+                    made = made.add_extension(x509.BasicConstraints(ca=True, path_length=0), True)
+                    _write(own, key, made.sign(key, hashes.SHA256()))
+                loaded = serialization.load_pem_private_key((own / KEY).read_bytes(), None)
+                self.certificate = x509.load_pem_x509_certificate((own / CERTIFICATE).read_bytes())
         except (OSError, ValueError, TypeError) as error:
             raise BadInput(
                 f"no authority: {error}", where=own, todo="Restore it from a copy, or move it away"
@@ -66,8 +69,15 @@ class Authority:
             .add_extension(x509.SubjectAlternativeName([_host(host) for host in hosts or (name,)]), False)
         )
         made = built.sign(self._key, hashes.SHA256())
-        _write(folder, key, made)
-        write_atomically(folder / AUTHORITY, _pem(self.certificate))
+        try:
+            _write(folder, key, made)
+            write_atomically(folder / AUTHORITY, _pem(self.certificate))
+        except OSError as error:
+            raise BadInput(
+                f"cannot be written ({error.strerror})",
+                where=error.filename or folder,
+                todo="Whoever owns the folder above has to be able to: look for a link that leads elsewhere",
+            ) from None
         return made.not_valid_after_utc
 
     def _serves(self, name: str, known: x509.Certificate, hosts: Iterable[str]) -> bool:

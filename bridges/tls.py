@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from twin_daemon.errors import BadInput
+from twin_daemon.gate.identity import keys_file
+from twin_daemon.privileges import gave_up_root, owner_on_the_way
 from twin_daemon.resources import state_dir
 
 AUTHORITY, CERTIFICATE, KEY = "authority.pem", "certificate.pem", "key.pem"
@@ -18,8 +20,18 @@ _LOOKS = "viewer"
 
 
 def security_dir() -> Path:
-    """Folder of the authority and of one folder for each identity."""
+    """Folder with one folder for each identity."""
     return state_dir() / "security"
+
+
+def authority_dir() -> Path:
+    """Folder of the authority's certificate and key: TWIN_AUTHORITY, such as a stick that is put away again; of a
+    service beside root's keys, where no unit can read it; else in the folder of the identities."""
+    if given := os.environ.get("TWIN_AUTHORITY"):
+        return Path(given)
+    keys = keys_file(state_dir())
+    roots = gave_up_root() and owner_on_the_way(keys) is None
+    return (keys.parent if roots else security_dir()) / "authority"
 
 
 def is_tls(endpoint: str) -> bool:

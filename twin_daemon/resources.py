@@ -47,6 +47,12 @@ def state_dir() -> Path:
     return Path(chosen).expanduser() if chosen else platformdirs.user_state_path("twin_daemon")
 
 
+def own_state_dir() -> Path:
+    """What a service keeps for itself alone, where systemd gave it a folder; else the state folder."""
+    given = os.environ.get("STATE_DIRECTORY", "").split(":")[0]
+    return Path(given) if given else state_dir()
+
+
 def step_back(pid: int, nice: int) -> None:
     """Lets a process give way: in the processor's time, and as the first one to go where memory ends."""
     with contextlib.suppress(OSError):  # it has ended already

@@ -102,7 +102,7 @@ def test_the_keys_of_a_daemon_of_before_are_taken_along(tree: Path) -> None:
     before.write_text(json.dumps(identities))
     before.chmod(0o600)
     assert install(tree) == 0
-    assert load_keyring(tree / "etc/twin_daemon/keys.json").names == ("anna",)
+    assert load_keyring(tree / "etc/twin_daemon/keys.json").names == ("anna", "workbench", "bridge")
 
 
 def test_a_path_that_a_unit_cannot_name_is_refused() -> None:

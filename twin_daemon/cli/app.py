@@ -14,6 +14,8 @@ import twin_daemon
 from twin_daemon.cli.command import single
 from twin_daemon.cli.failures import guarded
 from twin_daemon.errors import nearest
+from twin_daemon.privileges import work_as_owner
+from twin_daemon.resources import state_dir
 
 
 class Entry(NamedTuple):
@@ -59,6 +61,10 @@ COMMANDS: dict[str, Entry] = {
 }
 
 
+_AS_ROOT = ("service",)
+"""Commands that change the system. All others of root's work as whoever owns the state folder."""
+
+
 class LazyGroup(TyperGroup):
     """A group that knows its commands by name and imports one only when it is called."""
 
@@ -77,6 +83,8 @@ class LazyGroup(TyperGroup):
             if name.startswith("-"):
                 return super().resolve_command(ctx, args)
             ctx.fail(f"There is no command '{name}'. {nearest(name, COMMANDS)}.".replace("?.", "?"))
+        if name not in _AS_ROOT:
+            work_as_owner(state_dir())
         return name, load(name), args[1:]
 
 

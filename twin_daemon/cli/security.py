@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import socket
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Annotated, Any
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
 
 from bridges.authority import Authority, certificate_of
-from bridges.tls import DAEMON, security_dir
+from bridges.tls import DAEMON, authority_dir, security_dir
 from twin_daemon.cli.command import Group
 from twin_daemon.cli.console import emit_json, people, plain_text
 from twin_daemon.cli.options import Json
+from twin_daemon.cli.unit_identities import certificates, hand_out
+from twin_daemon.cli.units import FOLDER
 from twin_daemon.errors import BadInput, nearest
 from twin_daemon.gate.identity import KEYS, Keyring, Role, ensure_keyring, keys_file, load_keyring, new_identity
+from twin_daemon.privileges import as_root, gave_up_root
 from twin_daemon.resources import state_dir
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
 
 app = Group("Who may join the hand's network: identities and their certificates. docs/security.md has the whole story.")
 
@@ -41,15 +40,23 @@ def init(
 ) -> None:
     """Make an authority, identities and a certificate for each. Safe to repeat: what is good stays as it is."""
     keyring = ensure_keyring(keys_file(state_dir()))
-    authority = Authority(security_dir())
+    exposed = _in_the_units_reach()
+    authority = Authority(security_dir(), authority_dir())
     authority.issue(DAEMON, [*_LOOPBACK, socket.gethostname(), *(host or [])], renew=renew)
     for name in keyring.names:
         _issue(authority, keyring, name, renew=renew)
-    _give_to_the_daemon()
+    if exposed is not None:
+        shutil.rmtree(exposed)
+    _tell_the_units(keyring)
     found = _known(keyring)
     emit_json(json, found)
     _show(found, json)
     console = people(json)
+    if exposed is not None:
+        console.print(plain_text(f"The authority's key lay in {exposed}, where the daemon could read it."))
+        console.print(
+            plain_text(f"There is a new one in {authority_dir()}, and all certificates are new: copy them again")
+        )
     console.print("In the daemon's configuration, and restart it:")
     console.print("  endpoint: tls/127.0.0.1:7447   # or the address at which others reach it", highlight=False)
     console.print("  access: {certificates: true}", highlight=False)
@@ -68,8 +75,8 @@ def add(
         raise BadInput(f"'{name}' is there already", todo="Choose another name, or remove it first")
     keyring = keyring.changed(name, new_identity(role))
     keyring.save(path)
-    _issue(Authority(security_dir()), keyring, name)
-    _give_to_the_daemon()
+    _issue(Authority(security_dir(), authority_dir()), keyring, name)
+    _tell_the_units(keyring)
     emit_json(json, _known(keyring))
     people(json).print(plain_text(f"{name} ({role}) is in {security_dir() / name}; restart the daemon to let it in"))
 
@@ -83,6 +90,7 @@ def remove(name: Name, json: Json = None) -> None:
     keyring = keyring.changed(name, None)
     keyring.save(path)
     shutil.rmtree(security_dir() / name, ignore_errors=True)
+    _tell_the_units(keyring)
     emit_json(json, _known(keyring))
     people(json).print(plain_text(f"{name} is removed; restart the daemon to shut it out"))
 
@@ -109,12 +117,20 @@ def _issue(authority: Authority, keyring: Keyring, name: str, *, renew: bool = F
     keyring.only(name).save(authority.folder / name / KEYS)
 
 
-def _give_to_the_daemon() -> None:
-    """What root has made belongs to whom the state folder belongs to: the service's user, who has to read it."""
-    owner = state_dir().stat()
-    if os.geteuid() == 0 and owner.st_uid != 0:
-        for path in (security_dir(), *security_dir().rglob("*")):
-            os.chown(path, owner.st_uid, owner.st_gid)
+def _in_the_units_reach() -> Path | None:
+    """Where an authority of before lies in the folder of the service's user, while root has a place of his own now."""
+    before = security_dir() / "authority"
+    return before if gave_up_root() and authority_dir() != before and before.is_dir() else None
+
+
+def _tell_the_units(keyring: Keyring) -> None:
+    """Root gives the units of a service their certificates and keys anew."""
+    keys = keys_file(state_dir())
+    folder = keys.parent / FOLDER
+    if gave_up_root() and folder.is_dir():
+        certified = certificates(security_dir())
+        with as_root(folder):
+            hand_out(keys, keyring, Path("/etc/passwd"), certified)
 
 
 def _known(keyring: Keyring) -> dict[str, Any]:

@@ -18,7 +18,9 @@ from twin_daemon.cli import units
 from twin_daemon.cli.command import Group
 from twin_daemon.cli.console import emit_json, people, plain_text
 from twin_daemon.cli.options import Json
+from twin_daemon.cli.units import FOLDER
 from twin_daemon.errors import BadInput, NoAnswer
+from twin_daemon.privileges import read_regular
 
 app = Group("The twin as a service of systemd: installed, looked at, removed. Its state always stays.")
 
@@ -69,6 +71,7 @@ def install(
     steps.append(Step(f"make sure that there are keys in {root / units.KEYS}", lambda: _ensure_keys(root)))
     where = [] if _live(root) else [f"--root={root}"]
     steps.append(_call("systemd-sysusers", *where, "twin-daemon.sysusers.conf"))
+    steps.append(Step(f"give each unit a key of its own in {root / units.CONFIG / FOLDER}", lambda: _give_keys(root)))
     if _live(root):
         steps.append(_call("systemctl", "daemon-reload"))
     steps.append(_call("systemctl", *where, "enable", *enabled))
@@ -87,6 +90,7 @@ def uninstall(root: Root = Path("/"), dry_run: DryRun = False, yes: Yes = False,
     now = ["--now"] if _live(root) else []
     steps = [
         _call("systemctl", *where, "disable", *now, *units.UNITS),
+        Step(f"take back the units' keys in {root / units.CONFIG / FOLDER}", lambda: _take_keys(root)),
         *(Step(f"remove {root / place}", lambda: None) for place in units.receipt(root)),
         Step(f"remove {root / units.RECEIPT}", lambda: _remove(root, json)),
     ]
@@ -177,13 +181,33 @@ def _remove(root: Path, json: str | None) -> None:
 
 def _ensure_keys(root: Path) -> None:
     """Identities of their own, or those that a daemon of before has in its state folder."""
+    from twin_daemon.cli.unit_identities import with_unit_identities
     from twin_daemon.files import write_atomically
     from twin_daemon.gate.identity import ensure_keyring
 
-    path, before = root / units.KEYS, root / units.STATE / "keys.json"
-    if not path.exists() and before.is_file():
-        write_atomically(path, before.read_bytes(), mode=0o600)
-    ensure_keyring(path)
+    path, state = root / units.KEYS, root / units.STATE
+    if not path.exists() and state.is_dir():
+        owner = state.stat()  # whoever owns that folder may put a link into it
+        before = read_regular(state / "keys.json", (owner.st_uid,))
+        if before is not None:
+            write_atomically(path, before, mode=0o600)
+    with_unit_identities(ensure_keyring(path)).save(path)
+
+
+def _give_keys(root: Path) -> None:
+    """What the units but the daemon need of the keys, and of the certificates of before."""
+    from twin_daemon.cli.unit_identities import certificates, hand_out
+    from twin_daemon.gate.identity import load_keyring
+
+    keys = root / units.KEYS
+    certified = certificates(root / units.STATE / "security")
+    hand_out(keys, load_keyring(keys), root / "etc/passwd", certified)
+
+
+def _take_keys(root: Path) -> None:
+    from twin_daemon.cli.unit_identities import take_back
+
+    take_back(root / units.KEYS)
 
 
 def _call(name: str, *arguments: str) -> Step:

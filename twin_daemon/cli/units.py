@@ -16,6 +16,8 @@ TARGET = "twin.target"
 UNITS = (DAEMON, BRIDGE, WORKBENCH, TARGET)
 CONFIG = Path("etc/twin_daemon")
 KEYS = CONFIG / "keys.json"
+FOLDER = "identities"
+"""Beside the keys of all: a folder for each unit with what it is given of them."""
 RECEIPT = CONFIG / "installed.json"
 STATE = Path("var/lib/twin_daemon")
 _UNIT_FOLDER = Path("etc/systemd/system")

@@ -60,7 +60,7 @@ def command(
     from bridges.session import choose_endpoint
     from bridges.stop import on_termination
     from twin_daemon.files import write_atomically
-    from twin_daemon.resources import state_dir
+    from twin_daemon.resources import own_state_dir, state_dir
     from twin_daemon.versions import VersionStore
     from workbench.allowance import LOOPBACK, new_token
     from workbench.app import build
@@ -103,7 +103,7 @@ def command(
         console.print(f"The workbench of {plain_text(shown_hands)}:", soft_wrap=True)
         console.print(f"  to look:  {plain_text(address)}", soft_wrap=True)
         if os.environ.get("JOURNAL_STREAM"):  # a log is read by more people than may work
-            write_atomically(state_dir() / "workbench.token", f"{token}\n".encode(), mode=0o600)
+            write_atomically(own_state_dir() / "workbench.token", f"{token}\n".encode(), mode=0o600)
             console.print(f"  to work:  the same with #token= and what is in {state_dir() / 'workbench.token'}")
         else:
             console.print(f"  to work:  {plain_text(address)}#token={token}", soft_wrap=True)

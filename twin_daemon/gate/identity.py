@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from twin_daemon.errors import BadInput
 from twin_daemon.files import write_atomically
+from twin_daemon.privileges import as_root
 
 Role = Literal["operator", "viewer", "hand"]
 ANONYMOUS = "anonymous"
@@ -136,7 +137,8 @@ class Keyring:
     def save(self, path: Path) -> None:
         """Writes the file that `load_keyring` reads, for this user alone."""
         made = {name: one.model_dump() for name, one in self._identities.items()}
-        write_atomically(path, json.dumps({"schema": 1, "identities": made}, indent=1).encode(), mode=0o600)
+        with as_root(path):
+            write_atomically(path, json.dumps({"schema": 1, "identities": made}, indent=1).encode(), mode=0o600)
 
     def __contains__(self, name: str) -> bool:
         return name in self._identities
@@ -149,9 +151,10 @@ def _code(identity: Identity, verb: str, payload: bytes) -> str:
 def load_keyring(path: Path) -> Keyring:
     """The identities of a file. Raises BadInput; the message never quotes the file."""
     try:
-        if path.stat().st_mode & _seen_by_others(path):
-            raise BadInput("others can read these keys", where=path, todo=f"chmod 600 {path}")
-        read = _Identities.model_validate_json(path.read_bytes())
+        with as_root(path):
+            if path.stat().st_mode & _seen_by_others(path):
+                raise BadInput("others can read these keys", where=path, todo=f"chmod 600 {path}")
+            read = _Identities.model_validate_json(path.read_bytes())
     except OSError as error:
         raise BadInput(
             f"no identities: {error.strerror}", where=path, todo="'twin run' makes them; or name a file with TWIN_KEYS"
@@ -175,7 +178,8 @@ def _seen_by_others(path: Path) -> int:
 def ensure_keyring(path: Path) -> Keyring:
     """The identities of a file, which is made with one of each role where there is none yet."""
     if not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        with as_root(path):
+            path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         Keyring({name: new_identity(role) for name, role in _USUAL.items()}).save(path)
     return load_keyring(path)
 
