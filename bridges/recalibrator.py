@@ -197,9 +197,13 @@ class Recalibrator:
             self._last = found
             self._service.tell("recalibration", f"the recalibration failed: {found['error']}")
             return
-        self._last = {key: found[key] for key in ("version", "better", "promoted", "against", "appeared", "gain")}
+        self._last = {
+            key: found[key] for key in ("version", "better", "candidate", "promoted", "against", "appeared", "gain")
+        }
         appeared = f"; {', '.join(found['appeared'])} has appeared" if found["appeared"] else ""
-        what = "promoted" if found["promoted"] else "kept as a candidate"
+        what = (
+            "promoted" if found["promoted"] else "kept as a candidate" if found["candidate"] else "stored, no candidate"
+        )
         against = f" ({'; '.join(found['against'])})" if found["against"] else ""
         gain = f"{found['gain']:.0%} of the held-out error gone"
         text = f"recalibrated: {gain}{appeared}; {found['version'][:12]} is {what}{against}"

@@ -11,8 +11,9 @@ from starlette.routing import BaseRoute
 from twin_daemon.errors import BadInput
 from twin_daemon.figures.ladder import ladder_figure
 from twin_daemon.report.chart import chart
-from twin_daemon.versions import Version, VersionStore, diff
+from twin_daemon.versions import NOMINAL, Version, VersionStore, diff
 from twin_daemon.versions.lineage import tree
+from twin_daemon.versions.standing import known_errors, worse_than
 from workbench.app import posting, reading
 from workbench.compare import as_spec
 
@@ -41,12 +42,16 @@ class History:
         """Every version under the one it was made from, `depth` deep; the oldest first."""
         versions, problems = self._store.survey()
         names, shipped = self._store.all_names(), self._store.all_shipped()
+        current = next((v for v in versions if v.id == self._store.aliases()["current"]), None)
+        known = known_errors(versions)
         rows: list[dict[str, Any]] = []
         waiting = [(branch, 0) for branch in reversed(tree(versions))]
         while waiting:
             branch, depth = waiting.pop()
             own = branch.version.id
             told = {"names": names.get(own, []), "shipped": own in shipped, "depth": depth}
+            worse = None if current is None else worse_than(branch.version, current, known)
+            told["worse"] = None if worse is None or own == NOMINAL else worse.words
             rows.append(_summary(branch.version) | told)
             waiting += [(child, depth + 1) for child in reversed(branch.children)]
         parameters = sorted({name for version in versions for name in _values(version)})
@@ -95,7 +100,8 @@ class History:
         return Response(mjcf, media_type="application/xml", headers=headers)
 
     def _promote(self, body: dict[str, Any]) -> dict[str, Any]:
-        return self._moved(self._store.promote(str(body.get("version", ""))))
+        force, reason = body.get("force") is True, str(body.get("reason") or "") or None
+        return self._moved(self._store.promote(str(body.get("version", "")), reason=reason, force=force))
 
     def _moved(self, version: Version) -> dict[str, Any]:
         return {"current": version.id, "title": version.title or version.kind}

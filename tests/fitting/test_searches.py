@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -50,6 +52,27 @@ def test_a_search_lowers_the_error_within_its_budget_and_the_same_twice(
     assert 0 < one.evaluations <= BUDGET
     assert one.history == two.history
     assert one.terms == two.terms
+
+
+def test_an_answer_is_never_worse_than_its_start(twin: TwinModel) -> None:
+    """A worn hand moves once in the stretches that stand for a long recording, a sound one twice between them."""
+    damping = "rh_FFJ3.damping"
+    now = twin.parameter(damping).read(twin.model)
+    three = {
+        name: ([late_s + at_s for late_s in (0.0, 8.05, 21.05) for at_s in times], list(values) * 3)
+        for name, (times, values) in FINGER.items()
+    }
+    sound, worn = (
+        align(twin, recorded(hand, three, np.random.default_rng(5), seconds=60.0))
+        for hand in (twin, twin.changed(Terms(parameters={damping: 6.0 * now})))
+    )
+    measured = np.where((sound.time_s < 8.0)[:, None], worn.measured, sound.measured)
+    space = SPACE.model_copy(update={"parameters": SPACE.parameters[1:]})
+    found = calibrate(twin, [replace(sound, measured=measured)], [], space, "random", budget=5)
+    assert found.history[-1] < 0.9 * found.history[0], "the search thought that it had found something"
+    assert found.after_rad2 == found.before_rad2
+    assert found.terms == twin.terms
+    assert found.parameters[damping].value == pytest.approx(now)
 
 
 @pytest.mark.parametrize("search", ["random", "pso"])

@@ -83,6 +83,23 @@ def test_nominal_is_a_version_like_any_other(
     assert nominal < child
 
 
+def test_a_worse_version_is_promoted_by_force_and_with_a_reason_alone(
+    state_dir: Path, draft: Callable[..., Draft], mjcf: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    errors = {"holdout_before": {"mse_rad2": 1e-5}, "holdout_after": {"mse_rad2": 2e-5}}
+    used = {"held_out_on": [{"name": "closing.csv", "sha256": "b"}], "errors": errors}
+    worse = VersionStore("shadow_hand").propose(draft(0.2, hand="shadow_hand", **used), mjcf)
+    assert not worse.candidate
+    assert main(["versions", "promote", worse.version.id]) == 3
+    assert "closing.csv" in capsys.readouterr().err
+    assert main(["versions", "promote", worse.version.id, "--force"]) == 2
+    capsys.readouterr()
+    moved = answer(capsys, "promote", worse.version.id, "--force", "--reason", "for the bench")
+    assert moved["current"] == worse.version.id
+    assert moved["worse"]["mse_rad2"] == 2e-5
+    assert "for the bench" in answer(capsys, "show")["notes"][0]["text"]
+
+
 def test_the_list_fits_a_narrow_terminal(
     versions: list[Version],
     draft: Callable[..., Draft],

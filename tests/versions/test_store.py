@@ -193,3 +193,49 @@ def test_a_model_that_mujoco_refuses_is_not_exported(
     with pytest.raises(BadInput, match="MuJoCo does not load"):
         store.export(version.id, tmp_path / "twin.xml")
     assert not (tmp_path / "twin.xml").exists()
+
+
+def judged(
+    draft: Callable[..., Draft], damping: float, held_out: tuple[float, float], on: str = "b", **more: object
+) -> Draft:
+    used = {"fitted_on": [{"name": "a", "sha256": "a"}], "held_out_on": [{"name": on, "sha256": on}]}
+    before, after = ({"mse_rad2": value} for value in held_out)
+    return draft(damping, **used, errors={"holdout_before": before, "holdout_after": after}, **more)
+
+
+def test_what_is_not_better_on_held_out_motion_is_no_candidate(
+    store: VersionStore, draft: Callable[..., Draft], mjcf: str
+) -> None:
+    good = store.propose(judged(draft, 0.1, (2e-5, 1e-5)), mjcf)
+    assert good.candidate
+    for worse in (judged(draft, 0.2, (2e-5, 2e-5)), judged(draft, 0.3, (2e-5, 3e-5))):
+        kept = store.propose(worse, mjcf)
+        assert not kept.candidate
+        assert store.get(kept.version.id) == kept.version
+    assert store.get("candidate") == good.version
+    assert store.propose(draft(0.4), mjcf).candidate, "nothing was held out"
+
+
+def test_promoting_a_worse_version_needs_force_and_a_reason(
+    store: VersionStore, draft: Callable[..., Draft], mjcf: str
+) -> None:
+    first = store.add(judged(draft, 0.1, (1e-3, 1e-5)), mjcf)
+    child = store.add(judged(draft, 0.2, (1e-5, 4e-5), parent=first.id), mjcf)
+    sibling = store.add(judged(draft, 0.3, (1e-3, 2e-5)), mjcf)
+    elsewhere = store.add(judged(draft, 0.4, (1e-3, 9e-4), on="c"), mjcf)
+    than_nominal = store.add(judged(draft, 0.5, (1e-3, 2e-3)), mjcf)
+    with pytest.raises(BadInput, match=r"worse than nominal.*0\.002 rad² against 0\.001 rad² on held-out motion of b"):
+        store.promote(than_nominal.id)
+    store.promote(first.id)
+    for worse in (child, sibling):
+        with pytest.raises(BadInput, match="--force --reason"):
+            store.promote(worse.id)
+    with pytest.raises(BadInput, match="--reason"):
+        store.promote(child.id, force=True, reason=" ")
+    assert store.aliases()["current"] == first.id
+    store.promote(child.id, force=True, reason="the bench needs it")
+    assert store.decisions().last is not None
+    assert "the bench needs it" in store.notes()[child.id][0].text
+    assert "although worse" in store.notes()[child.id][0].text
+    assert store.promote(elsewhere.id, reason="another bench").id == elsewhere.id, "nothing is known of both"
+    assert store.promote("nominal").id == "nominal", "where every way back ends"

@@ -161,7 +161,7 @@ def test_versions_are_promoted_exported_and_rolled_back(workbench: Any, state_di
     child = store.add(draft.model_copy(update={"parent": parent.id, "title": "again"}), twin.changed(terms).mjcf())
     served = workbench()
     rows = {row["id"]: row for row in served.ask("/api/versions")[1]["versions"]}
-    assert (rows[parent.id]["depth"], rows[child.id]["depth"]) == (0, 1)
+    assert (rows[parent.id]["depth"], rows[child.id]["depth"]) == (1, 2), "under the nominal model"
     assert served.ask("/api/versions/promote", {"version": parent.id}, token=False)[0] == 401
     assert served.ask("/api/versions/promote", {"version": "nonsense"})[0] == 400
     for one in (parent, child):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from twin_daemon.cli import options
+from twin_daemon.cli.calibrate import say_stored
 from twin_daemon.cli.console import emit_json, people, plain_text
 from twin_daemon.cli.diagnose import train_and_held
 from twin_daemon.cli.effects import nearest_effect
@@ -74,7 +75,8 @@ def command(
         "terms": changed.terms.as_json(),
     }
     draft = draft_of(session, changed, "effect_added", f"{effect} at {', '.join(targets)}", payload, train, held)
-    payload["version"] = session.store.add(draft, changed.mjcf(), alias="candidate").id
+    stored = session.store.propose(draft, changed.mjcf())
+    payload["version"], payload["candidate"] = stored.version.id, stored.candidate
     payload["parent"], payload["notes"] = session.version, notes
     show_change(f"{effect} added at {', '.join(targets)}", payload, json)
     emit_json(json, payload)
@@ -173,7 +175,8 @@ def draft_of(
     """The version of a changed twin, with the errors and fitted values that a payload has."""
     from twin_daemon.versions import Draft, ParameterRecord, RecordingUsed
 
-    names = ("before", "after", "holdout_before", "holdout_after")
+    names = ("before", "after", "holdout_before", "holdout_after", "clear_holdout_before", "clear_holdout_after")
+    moving = [name for i, name in enumerate(changed.joints) if any(r.moving[i] for r in train)]
     return Draft(
         hand=session.hand.name,
         kind=kind,
@@ -187,7 +190,7 @@ def draft_of(
         fitted_on=tuple(RecordingUsed(name=r.recording.name, sha256=r.recording.sha256) for r in train),
         held_out_on=tuple(RecordingUsed(name=r.recording.name, sha256=r.recording.sha256) for r in held),
         seed=payload.get("seed"),
-        errors={name: payload[name] for name in names if name in payload} if train else {},
+        errors={**{name: payload[name] for name in names if name in payload}, "joints": moving} if train else {},
     )
 
 
@@ -207,9 +210,6 @@ def show_change(title: str, payload: Mapping[str, Any], json: str | None) -> Non
         before, after = (payload[f"{name}{when}"]["mse_rad2"] for when in ("before", "after"))
         if before is not None and after is not None:
             console.print(f"{label}: {before:.4g} -> [bold]{after:.4g} rad²[/]")
-            if name and after >= before:
-                console.print("  [bold]not better on motion it has not seen[/]: do not promote it")
     for note in payload["notes"]:
         console.print(f"note: {plain_text(note)}")
-    short = payload["version"][:12]
-    console.print(f"stored as candidate {short} (twin versions show {short}, twin versions promote)")
+    say_stored(console, payload)

@@ -18,11 +18,13 @@ from twin_daemon.cli.tables import by_kind, place_of, slim_table
 from twin_daemon.errors import UsageError
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.progress import TaskID
 
     from twin_daemon.fitting.calibrate import Calibration, FittedParameter
     from twin_daemon.fitting.tracker import Progress
     from twin_daemon.simulation.alignment import Aligned
+    from twin_daemon.versions import Proposed
 
 SearchName = Annotated[
     str, typer.Option("--search", metavar="bayes|least-squares|random|pso", help="How the parameters are searched.")
@@ -78,7 +80,7 @@ def command(
         notes.append("no --holdout: every third stretch of each recording is held out, so the intervals are wider")
     with on_cluster(cluster), progress_bar(f"{search} over '{chosen.name}'", budget) as report:
         result = calibrate(session.twin, train, held, chosen, search, budget=budget, seed=seed, progress=report)
-    stored = store(session, result, train, held, chosen.name, search, budget, seed)
+    stored = _store(session, result, train, held, chosen.name, search, budget, seed)
     payload = _payload(result, stored, notes, chosen.name, search, seed)
     _show(payload, result, json)
     emit_json(json, payload)
@@ -115,7 +117,7 @@ class progress_bar:
             self._progress.stop()
 
 
-def store(
+def _store(
     session: Session,
     result: Calibration,
     train: list[Aligned],
@@ -124,8 +126,8 @@ def store(
     search: str,
     budget: int | None,
     seed: int,
-) -> str:
-    """Stores the calibration as the candidate; returns its id."""
+) -> Proposed:
+    """Stores the calibration, as the candidate where it is better."""
     from twin_daemon.versions import Draft, ParameterRecord, RecordingUsed
 
     twin = session.twin.changed(result.terms)
@@ -149,11 +151,11 @@ def store(
         },
         fitted_on=tuple(RecordingUsed(name=r.recording.name, sha256=r.recording.sha256) for r in train),
         held_out_on=tuple(RecordingUsed(name=r.recording.name, sha256=r.recording.sha256) for r in held),
-        errors=errors(result),
+        errors=_errors_to_keep(result),
         search={"name": search, "space": space, "budget": budget, "evaluations": result.evaluations},
         seed=seed,
     )
-    return session.store.add(draft, twin.mjcf(), alias="candidate").id
+    return session.store.propose(draft, twin.mjcf())
 
 
 def errors(result: Calibration) -> dict[str, Any]:
@@ -166,7 +168,18 @@ def errors(result: Calibration) -> dict[str, Any]:
     }
 
 
-def _payload(result: Calibration, stored: str, notes: list[str], space: str, search: str, seed: int) -> dict[str, Any]:
+def _errors_to_keep(result: Calibration) -> dict[str, Any]:
+    """What a version keeps: the errors, the joints they are of, and those of its parent where it began elsewhere."""
+    found = {**errors(result), "joints": list(result.objective)}
+    if result.given_rad2 == result.before_rad2 and result.holdout_given_rad2 == result.holdout_before_rad2:
+        return found
+    given = {"mse_rad2": result.given_rad2}
+    return {**found, "given": given, "holdout_given": {"mse_rad2": result.holdout_given_rad2}}
+
+
+def _payload(
+    result: Calibration, stored: Proposed, notes: list[str], space: str, search: str, seed: int
+) -> dict[str, Any]:
     return {
         **errors(result),
         "objective": result.objective,
@@ -179,7 +192,8 @@ def _payload(result: Calibration, stored: str, notes: list[str], space: str, sea
         "onset_s": result.onsets_s,
         "parameters": fitted_values(result.parameters),
         "history": result.history,
-        "version": stored,
+        "version": stored.version.id,
+        "candidate": stored.candidate,
         "notes": notes,
     }
 
@@ -228,13 +242,18 @@ def _show(payload: dict[str, Any], result: Calibration, json: str | None) -> Non
     console.print(f"fitted:   {result.before_rad2:.4g} -> [bold]{result.after_rad2:.4g} rad²[/]")
     if result.holdout_after_rad2 is not None:
         console.print(f"held out: {result.holdout_before_rad2:.4g} -> [bold]{result.holdout_after_rad2:.4g} rad²[/]")
-        if result.holdout_after_rad2 >= (result.holdout_before_rad2 or 0.0):
-            console.print("  [bold]not better on motion it has not seen[/]: do not promote it")
     for note in payload["notes"]:
         console.print(f"note: {plain_text(note)}")
     if result.interrupted:
         console.print("interrupted: this is the best so far")
-    console.print(
-        f"{result.evaluations} roll-outs in {result.wall_s:.1f} s; stored as candidate {payload['version'][:12]} "
-        f"(twin versions show {payload['version'][:12]})"
-    )
+    console.print(f"{result.evaluations} roll-outs in {result.wall_s:.1f} s")
+    say_stored(console, payload)
+
+
+def say_stored(console: Console, payload: Mapping[str, Any]) -> None:
+    """Under which id a result was stored, and whether it is the candidate."""
+    short = payload["version"][:12]
+    if payload["candidate"]:
+        console.print(f"stored as candidate {short} (twin versions show {short}, twin versions promote)")
+    else:
+        console.print(f"[bold]not better on motion that it has not seen[/]: stored as {short}, not as the candidate")

@@ -10,7 +10,7 @@ import typer
 
 from twin_daemon.cli import options
 from twin_daemon.cli.add import draft_of
-from twin_daemon.cli.calibrate import fitted_values
+from twin_daemon.cli.calibrate import fitted_values, say_stored
 from twin_daemon.cli.console import emit_json, people, plain_text
 from twin_daemon.cli.diagnose import streaming, train_and_held
 from twin_daemon.cli.session import Session, open_session, require_folder
@@ -54,7 +54,7 @@ def command(
             session.twin, train, held, max_steps=max_steps, whole=() if holdout else whole, seed=seed, say=say
         )
     payload = {**_payload(session, ladder, train, held), "notes": notes, "seed": seed}
-    payload["version"] = _store(session, ladder, payload, train, held, seed)
+    payload["version"], payload["candidate"] = _store(session, ladder, payload, train, held, seed)
     payload["wall_s"] = time.perf_counter() - began
     if plot is not None:
         from twin_daemon.figures.ladder import ladder_figure
@@ -97,11 +97,11 @@ def _payload(session: Session, ladder: Ladder, train: list[Aligned], held: list[
 
 def _store(
     session: Session, ladder: Ladder, payload: dict[str, Any], train: list[Aligned], held: list[Aligned], seed: int
-) -> str | None:
-    """The version with all effects; where none was added it is the one that the ladder started from."""
+) -> tuple[str | None, bool]:
+    """(the version with all effects, whether it is the candidate); where none was added the one at the start."""
     added = [step for step in ladder.steps if step.effect is not None]
     if not added:
-        return session.version
+        return session.version, False
     first, last, judged = ladder.steps[0], ladder.steps[-1], ladder.last_judged
     errors = {
         "before": {"mse_rad2": first.mse_rad2},
@@ -112,7 +112,8 @@ def _store(
     fitted = {"parameters": payload["parameters"]}
     title = "ladder: " + ", ".join(f"{step.effect} at {step.target}" for step in added)
     draft = draft_of(session, ladder.twin, "effect_added", title, {**errors, "seed": seed, **fitted}, train, held)
-    return session.store.add(draft, ladder.twin.mjcf(), alias="candidate").id
+    stored = session.store.propose(draft, ladder.twin.mjcf())
+    return stored.version.id, stored.candidate
 
 
 def _show(payload: dict[str, Any], ladder: Ladder, json: str | None) -> None:
@@ -150,8 +151,7 @@ def _show(payload: dict[str, Any], ladder: Ladder, json: str | None) -> None:
     if payload["interrupted"]:
         console.print("interrupted: these are the steps done")
     if len(ladder.steps) > 1:
-        short = payload["version"][:12]
-        console.print(f"stored as candidate {short} (twin versions show {short}, twin versions promote)")
+        say_stored(console, payload)
 
 
 def _number(value: float | None) -> str:

@@ -9,7 +9,7 @@ import typer
 
 from twin_daemon.cli import options
 from twin_daemon.cli.add import draft_of
-from twin_daemon.cli.calibrate import Run, fitted_values, progress_bar
+from twin_daemon.cli.calibrate import Run, fitted_values, progress_bar, say_stored
 from twin_daemon.cli.commanding import As
 from twin_daemon.cli.console import emit_json, people, plain_text
 from twin_daemon.cli.drive import drive
@@ -19,6 +19,7 @@ from twin_daemon.errors import UsageError
 
 if TYPE_CHECKING:
     from twin_daemon.recalibration.recalibrate import Recalibration
+    from twin_daemon.simulation.alignment import Aligned
 
 
 def command(
@@ -57,7 +58,6 @@ def command(
     """
     from twin_daemon.comparison.split import hold_out
     from twin_daemon.recalibration.recalibrate import recalibrate
-    from twin_daemon.versions import promised_rad2
 
     require_folder(json)
     if not recording and run is None:
@@ -77,7 +77,7 @@ def command(
             session.twin,
             train,
             held,
-            promised_rad2=promised_rad2(session.store.get(session.version).errors) if session.version else None,
+            promised_rad2=_promised(session),
             joints=joints or (),
             budget=budget,
             seconds=within,
@@ -85,12 +85,17 @@ def command(
             progress=report,
             say=lambda line: console.print(plain_text(line)),
         )
-    payload = _payload(session, found, notes, seed)
+    payload = _payload(session, found, held, notes, seed)
     draft = draft_of(session, found.twin, "recalibrated", _title(found), payload, train, held)
-    stored = session.store.add(draft, found.twin.mjcf(), alias="candidate")
-    payload["version"], payload["promoted"] = stored.id, bool(promote and found.decision.better)
+    stored = session.store.propose(draft, found.twin.mjcf())
+    payload["version"], payload["candidate"] = stored.version.id, stored.candidate
+    worse = session.store.worse_than_current(stored.version)
+    if worse is not None:
+        payload["against"].append(f"worse than the version in use: {worse.words}")
+    payload["better"] = not payload["against"]
+    payload["promoted"] = promote and payload["better"]
     if payload["promoted"]:
-        session.store.promote(stored.id)
+        session.store.promote(stored.version.id)
     payload["wall_s"] = time.monotonic() - began
     _show(payload, found, json)
     emit_json(json, payload)
@@ -100,18 +105,34 @@ def _title(found: Recalibration) -> str:
     return "recalibrated: " + (", ".join(found.appeared) + " has appeared" if found.appeared else "values alone")
 
 
-def _payload(session: Session, found: Recalibration, notes: list[str], seed: int) -> dict[str, Any]:
+def _promised(session: Session) -> float | None:
+    """The error (rad^2) that the version in question promises, clear of contacts where it says so."""
+    from twin_daemon.versions import promised_rad2
+
+    if session.version is None:
+        return None
+    version = session.store.get(session.version)
+    clear = version.mse_rad2("clear_holdout_after")
+    return promised_rad2(version.errors) if clear is None else clear
+
+
+def _payload(
+    session: Session, found: Recalibration, held: list[Aligned], notes: list[str], seed: int
+) -> dict[str, Any]:
+    from twin_daemon.diagnosis.ladder import mean_error
+
     decision, fitted = found.decision, found.calibration
     return {
         "hand": session.hand.name,
         "parent": session.version,
         "before": {"mse_rad2": fitted.before_rad2},
         "after": {"mse_rad2": fitted.after_rad2 if found.ladder is None else found.ladder.steps[-1].mse_rad2},
-        "holdout_before": {"mse_rad2": decision.before_rad2},
-        "holdout_after": {"mse_rad2": decision.after_rad2},
+        "holdout_before": {"mse_rad2": mean_error(session.twin, held)},
+        "holdout_after": {"mse_rad2": mean_error(found.twin, held)},
+        "clear_holdout_before": {"mse_rad2": decision.before_rad2},
+        "clear_holdout_after": {"mse_rad2": decision.after_rad2},
         "gain": decision.gain,
         "gain_ci95": list(decision.gain_ci95),
-        "better": decision.better,
         "against": list(decision.against),
         "appeared": list(found.appeared),
         "verdict": None if found.ladder is None else found.ladder.last_judged.verdict,
@@ -126,15 +147,18 @@ def _payload(session: Session, found: Recalibration, notes: list[str], seed: int
 def _show(payload: dict[str, Any], found: Recalibration, json: str | None) -> None:
     console = people(json)
     low, high = payload["gain_ci95"]
-    before, after = (payload[f"holdout_{when}"]["mse_rad2"] for when in ("before", "after"))
-    gain = f"gain {payload['gain']:.0%}, {low:.0%} to {high:.0%}"
-    console.print(f"held out: {before:.4g} -> [bold]{after:.4g} rad²[/] ({gain})")
+    gain = f", gain {payload['gain']:.0%}, {low:.0%} to {high:.0%}"
+    for label, name, more in (("held out", "holdout", ""), ("held out, clear of contacts", "clear_holdout", gain)):
+        before, after = (payload[f"{name}_{when}"]["mse_rad2"] for when in ("before", "after"))
+        console.print(f"{label}: {before:.4g} -> [bold]{after:.4g} rad²[/]{more}")
     if found.appeared:
         console.print(plain_text(f"an effect has appeared: {', '.join(found.appeared)}"))
     for reason in payload["against"]:
         console.print(plain_text(f"against it: {reason}"))
     for note in payload["notes"]:
         console.print(f"note: {plain_text(note)}")
-    what = "promoted" if payload["promoted"] else "stored as candidate"
-    better = "better" if payload["better"] else "not better"
-    console.print(f"{better}; {what} {payload['version'][:12]} (twin versions diff previous {payload['version'][:12]})")
+    if payload["promoted"]:
+        short = payload["version"][:12]
+        console.print(f"better; promoted {short} (twin versions diff previous {short})")
+    else:
+        say_stored(console, payload)

@@ -51,6 +51,7 @@ def command(
         "notes": notes,
     }
     draft = draft_of(session, changed, "effect_removed", title, payload, train, held)
-    payload["version"] = session.store.add(draft, changed.mjcf(), alias="candidate").id
+    stored = session.store.propose(draft, changed.mjcf())
+    payload["version"], payload["candidate"] = stored.version.id, stored.candidate
     show_change(title, payload, json)
     emit_json(json, payload)

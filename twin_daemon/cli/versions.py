@@ -16,11 +16,12 @@ from twin_daemon.cli.options import HandName, Json, Model
 from twin_daemon.cli.session import require_folder
 from twin_daemon.cli.versions_care import open_store
 from twin_daemon.cli.versions_history import history
+from twin_daemon.errors import UsageError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from twin_daemon.versions import Version, VersionStore
+    from twin_daemon.versions import Version, VersionStore, Worse
 
 app = Group(help="List, compare, promote, roll back, export, verify and keep what was learned of a hand.")
 
@@ -74,7 +75,8 @@ def show(version: Reference = "current", hand: HandName = None, model: Model = N
         if recordings:
             console.print(f"{used}: {plain_text(', '.join(recording.name for recording in recordings))}")
     for name, value in found.errors.items():
-        console.print(f"{plain_text(name)}: {_error(value)} rad²")
+        if isinstance(value, dict):
+            console.print(f"{plain_text(name)}: {_error(value)} rad²")
     for effect in found.terms.get("effects") or []:
         console.print(f"effect {plain_text(effect.get('effect'))} at {plain_text(effect.get('target'))}")
     notes = store.notes().get(found.id, [])
@@ -113,10 +115,30 @@ def differences(
 
 
 @app.command("promote")
-def promote(version: Reference = "candidate", hand: HandName = None, model: Model = None, json: Json = None) -> None:
-    """Make a version current. What was current becomes previous."""
+def promote(
+    version: Reference = "candidate",
+    force: Annotated[
+        bool, typer.Option("--force", help="Although it is worse than the version in use; needs --reason.")
+    ] = False,
+    reason: Annotated[
+        str | None, typer.Option("--reason", metavar="TEXT", help="Why, for the log of decisions.")
+    ] = None,
+    hand: HandName = None,
+    model: Model = None,
+    json: Json = None,
+) -> None:
+    """Make a version current. What was current becomes previous.
+
+    One that is worse than the version in use, on data that both were judged by, is refused without --force.
+    """
+    if force and not (reason or "").strip():
+        raise UsageError("--force without a reason", todo="Say why with --reason TEXT: it stands in the log")
     store = open_store(hand, model)
-    _report_move(store, store.promote(version), json)
+    worse = store.worse_than_current(store.get(version))
+    promoted = store.promote(version, reason=reason, force=force)
+    if worse is not None:
+        people(json).print(plain_text(f"worse than what was in use: {worse.words}"), soft_wrap=True)
+    _report_move(store, promoted, json, worse)
 
 
 @app.command("rollback")
@@ -194,10 +216,11 @@ app.command("restore")(care.restore)
 app.command("history")(history)
 
 
-def _report_move(store: VersionStore, version: Version, json: str | None) -> None:
+def _report_move(store: VersionStore, version: Version, json: str | None, worse: Worse | None = None) -> None:
     aliases = store.aliases()
     people(json).print(f"current is {version.short_id} {plain_text(_titled(version))}")
-    emit_json(json, {"current": aliases.get("current"), "previous": aliases.get("previous"), "version": version.id})
+    moved = {"current": aliases["current"], "previous": aliases.get("previous"), "version": version.id}
+    emit_json(json, moved if worse is None else {**moved, "worse": worse})
 
 
 def _summary(version: Version) -> dict[str, Any]:

@@ -41,7 +41,11 @@ class FittedParameter:
 
 @dataclass(frozen=True)
 class Calibration:
-    """What a calibration found. Errors are mean squared errors in rad^2 over `objective`."""
+    """What a calibration found. Errors are mean squared errors in rad^2 over `objective`.
+
+    `before` is the search's start, which is never better than the answer; `given` the twin that was handed in, which
+    is another one where the space prescribes a start.
+    """
 
     terms: Terms
     objective: tuple[str, ...]
@@ -49,6 +53,8 @@ class Calibration:
     after_rad2: float
     holdout_before_rad2: float | None
     holdout_after_rad2: float | None
+    given_rad2: float
+    holdout_given_rad2: float | None
     parameters: dict[str, FittedParameter]
     history: list[float]
     evaluations: int
@@ -86,8 +92,13 @@ def calibrate(
     objective = objective_of(space, twin, moving)
     knobs = knobs_of(space, twin, moving)
     start = started(twin, space, knobs)
-    before, aligned = judged(start, train, objective)
+    before, began_aligned = judged(start, train, objective)
+    aligned = began_aligned
     holdout_before = judged(start, holdout, objective)[0] if holdout else None
+    given, holdout_given = before, holdout_before
+    if start is not twin:
+        given = judged(twin, train, objective)[0]
+        holdout_given = judged(twin, holdout, objective)[0] if holdout else None
 
     found = PartwiseSearch(progress)
     problems: list[SubProblem] = []
@@ -121,6 +132,10 @@ def calibrate(
         interrupted = True
     fitted = current()
     after, aligned = judged(fitted, train, objective)
+    if not after <= before:
+        # searched were excerpts of parts, with onsets as they were: what was best there need not be best of all
+        fitted, after, aligned = start, before, began_aligned
+        found.units = {}
     return Calibration(
         terms=fitted.terms,
         objective=objective,
@@ -128,6 +143,8 @@ def calibrate(
         after_rad2=after,
         holdout_before_rad2=holdout_before,
         holdout_after_rad2=judged(fitted, holdout, objective)[0] if holdout else None,
+        given_rad2=given,
+        holdout_given_rad2=holdout_given,
         parameters=_fitted(problems, found.units),
         history=found.history,
         evaluations=len(found.history),

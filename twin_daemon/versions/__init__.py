@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from .diff import ParameterChange, VersionDiff, diff
 from .shelf import Stored
-from .store import Note, VersionStore
+from .standing import Worse
+from .store import Note, Proposed, VersionStore
 from .version import NOMINAL, Draft, ParameterRecord, RecordingUsed, Version, promised_rad2, seal
 
 __all__ = [
@@ -13,11 +14,13 @@ __all__ = [
     "Note",
     "ParameterChange",
     "ParameterRecord",
+    "Proposed",
     "RecordingUsed",
     "Stored",
     "Version",
     "VersionDiff",
     "VersionStore",
+    "Worse",
     "diff",
     "promised_rad2",
     "seal",

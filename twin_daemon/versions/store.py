@@ -23,6 +23,7 @@ from twin_daemon.versions.index import Index
 from twin_daemon.versions.ledger import Ledger, order
 from twin_daemon.versions.locking import locked, machine_errors
 from twin_daemon.versions.shelf import ID, NAME, Shelf, Stored, Survey
+from twin_daemon.versions.standing import Worse, known_errors, worse_than
 from twin_daemon.versions.version import NOMINAL, Draft, Version, nominal, seal
 
 if TYPE_CHECKING:
@@ -38,6 +39,14 @@ class Note:
 
     at: str
     text: str
+
+
+@dataclass(frozen=True)
+class Proposed:
+    """A stored version, and whether it is the candidate now."""
+
+    version: Version
+    candidate: bool
 
 
 class VersionStore:
@@ -121,14 +130,39 @@ class VersionStore:
             self.ledger.decide("unnamed", version=version_id, name=alias)
         return version_id
 
-    def promote(self, reference: str = CANDIDATE) -> Version:
-        """Make a version current; what was current becomes previous. A candidate is decided about by that."""
+    def propose(self, draft: Draft, mjcf: str) -> Proposed:
+        """Store a version as the candidate; without a name where held-out motion says that it is not better."""
+        better = draft.better_on_held_out is not False
+        return Proposed(self.add(draft, mjcf, alias=CANDIDATE if better else None), better)
+
+    def promote(self, reference: str = CANDIDATE, *, reason: str | None = None, force: bool = False) -> Version:
+        """Make a version current; what was current becomes previous. A candidate is decided about by that.
+
+        One that is worse than the version in use is refused (BadInput), unless it is forced, which needs a reason; the
+        reason stands in the log of decisions. The nominal model is let through: it is where every way back ends.
+        """
+        if force and not (reason or "").strip():
+            raise BadInput("a promotion is forced without a reason", todo="Say why with --reason TEXT")
         with self.writing():
             version = self._usable(reference)
             names = self.aliases()
+            worse = self.worse_than_current(version)
+            if worse is not None and version.id != NOMINAL and not force:
+                raise BadInput(
+                    f"{version.short_id} is worse than {names[CURRENT][:12]}, which is in use: {worse.words}",
+                    todo="Nothing was changed. If it has to be: --force --reason TEXT",
+                )
             if version.id != names.get(CURRENT) or version.id == names.get(CANDIDATE):
-                self.ledger.decide("promoted", version=version.id)
+                said = (reason or "").strip() or None
+                forced = f"promoted although worse ({worse.words}): {said}" if worse is not None and force else said
+                self.ledger.decide("promoted", version=version.id, text=forced)
         return version
+
+    def worse_than_current(self, version: Version) -> Worse | None:
+        """How much worse a version is than the one in use, on data that both know; None where that is not known."""
+        versions = self.list()
+        current = next((one for one in versions if one.id == self.aliases()[CURRENT]), None)
+        return None if current is None else worse_than(version, current, known_errors(versions))
 
     def reject(self) -> Version:
         """Decide against the candidate. The version stays; only the name goes."""
@@ -238,10 +272,10 @@ class VersionStore:
         return found
 
     def notes(self) -> dict[str, list[Note]]:
-        """What was written beside versions, by id, oldest first."""
+        """What was written beside versions, and why they were promoted, by id, oldest first."""
         found: dict[str, list[Note]] = {}
         for decision in self.decisions().decisions:
-            if decision.what == "noted" and decision.version and decision.text:
+            if decision.what in ("noted", "promoted") and decision.version and decision.text:
                 found.setdefault(decision.version, []).append(Note(decision.at, decision.text))
         return found
 

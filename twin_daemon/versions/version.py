@@ -65,9 +65,26 @@ class Draft(_Strict):
     parameters: dict[str, ParameterRecord] = {}
     fitted_on: tuple[RecordingUsed, ...] = ()
     held_out_on: tuple[RecordingUsed, ...] = ()
-    errors: dict[str, Any] = Field(default={}, description="before, after, holdout_before, holdout_after, ...")
+    errors: dict[str, Any] = Field(
+        default={},
+        description="before, after, holdout_before, holdout_after: {mse_rad2}, each one free roll-out over `joints`; "
+        "given, holdout_given: of the version that this was made from, where the search began elsewhere",
+    )
     search: dict[str, Any] | None = None
     seed: int | None = None
+
+    def mse_rad2(self, name: str) -> float | None:
+        """One of the mean squared errors in rad^2; None where it is not known."""
+        value = self.errors.get(name)
+        mse = value.get("mse_rad2") if isinstance(value, dict) else None
+        return None if mse is None else float(mse)
+
+    @property
+    def better_on_held_out(self) -> bool | None:
+        """Whether it predicts held-out motion better than what it was made from; None where nothing was held out."""
+        after = self.mse_rad2("holdout_after")
+        before = [e for e in map(self.mse_rad2, ("holdout_before", "holdout_given")) if e is not None]
+        return None if after is None or not before else after < min(before)
 
     def sets(self) -> dict[str, Any]:
         """What the terms set: parameters by name, values of effects as effect:target.value."""

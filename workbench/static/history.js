@@ -24,7 +24,10 @@ export function promoting(id, text = "Promote") {
   const button = made("button", { type: "button" }, text);
   needsAllowance(button);
   works(button, async () => {
-    const answer = await post("/api/versions/promote", { version: id });
+    const worse = known.versions.find((one) => one.id === id)?.worse;
+    const reason = worse && prompt(`It is worse than the version in use: ${worse}.\nPromote it all the same? Then say why:`);
+    if (worse && !reason?.trim()) return;
+    const answer = await post("/api/versions/promote", { version: id, ...(worse ? { force: true, reason } : {}) });
     say(`Version ${answer.current.slice(0, 12)} (${answer.title}) is in use now; a running daemon takes it up within a second or two.`, "note");
     dispatchEvent(new Event("versions"));
   });
