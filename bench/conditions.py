@@ -11,14 +11,14 @@ import argparse
 from pathlib import Path
 
 from bench.by_candidate import seconds_by_candidate
-from bench.hidden_suite import run
+from bench.home_cases import Case, conditions
+from bench.home_page import outcome
+from bench.home_suite import run
 from bench.machine import in_words, provenance
-from bench.suite_cases import Case, conditions
-from bench.suite_page import outcome
 
 _INTRODUCTION = """# The diagnosis under other conditions
 
-Made by `python -m bench.conditions`. Plants as in the [hidden suite](hidden-suite.md): one finger, parameters up to
+Made by `python -m bench.conditions`. Plants as in the [home suite](home-suite.md): one finger, parameters up to
 20 % off. Unless the column says otherwise, 16 s of rich motion to fit, 8 s of other motion held out. A ✗ is a wrong
 answer: a wrong name, an effect of the library that was not named, or a name where there is none. Poor motion has
 [a page of its own](poor-motion.md).

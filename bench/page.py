@@ -9,8 +9,10 @@ from bench.machine import in_words
 
 _LONG = {
     "python -m bench.dissertation": "the tables of a dissertation rebuilt ([page](dissertation.md)); half an hour",
-    "make suite": "the diagnosis of 80 hidden cases, its confusion matrix and the coverage of its intervals "
+    "make suite": "the diagnosis of robots drawn at random with hidden effects, a sample of 40 of 400 cases "
     "([page](hidden-suite.md)); an hour",
+    "python -m bench.home_suite": "the diagnosis of 80 hidden cases of the Shadow Hand ([page](home-suite.md)); "
+    "an hour",
     "python -m bench.whole_hand": "how long a diagnosis of the whole hand takes, and whether it is right; four minutes",
     "python -m bench.live --realtime": "ten minutes of the daemon at 1 kHz beside a bare echo",
     "python -m bench.hot_path": "what one joint state costs the daemon, stage by stage",

@@ -1,4 +1,4 @@
-"""One recording of one plant of the hidden suite; the answer goes into a file of its own."""
+"""One recording of one plant of the home suite; the answer goes into a file of its own."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
-from bench.suite_cases import cases, conditions
+from bench.home_cases import cases, conditions
 from twin_daemon.hand import Hand, load_hand
 from twin_daemon.plant import Plant, parse_hidden
 from twin_daemon.plant.motions import rich, slow_closing

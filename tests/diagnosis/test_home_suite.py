@@ -1,4 +1,4 @@
-"""A small part of the hidden suite: the whole of it is `make suite`."""
+"""A small part of the home suite: the whole of it is `python -m bench.home_suite`."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from bench.conditions import table
-from bench.suite_cases import Case, cases, conditions, planted
-from bench.suite_page import page
-from bench.suite_plant import main as make_recording
+from bench.home_cases import Case, cases, conditions, planted
+from bench.home_page import page
+from bench.home_plant import main as make_recording
 from tests.diagnosis.conftest import called
 from twin_daemon.effects import LIBRARY
 from twin_daemon.hand import load_hand

@@ -1,4 +1,4 @@
-"""The hidden suite: which plants there are, what is hidden in each, and which answer is right.
+"""The home suite: which plants of the Shadow Hand there are, what is hidden in each, and which answer is right.
 
 The plants know the physics, the recordings carry what a bus would have carried, and the answers stay here: the
 diagnosis runs in a process of its own, which is told nothing but where the recordings are.
