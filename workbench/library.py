@@ -1,8 +1,12 @@
-"""The recordings that the page offers: those of its folders, and those named at the start. No other file is opened."""
+"""The recordings that the page offers: those of its folders, and those named at the start. No other file is opened.
+
+A link that was named leads where it led at the start; one that lies in a folder leads nowhere.
+"""
 
 from __future__ import annotations
 
 import hashlib
+import stat
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,8 +33,8 @@ class Library:
     """Looks anew at every question: recordings come and go while the page is open."""
 
     def __init__(self, files: Sequence[Path], folders: Sequence[Path]) -> None:
-        self._files = [path.absolute() for path in files]
-        self._folders = [folder.absolute() for folder in folders]
+        self._files = [path.resolve() for path in files]
+        self._folders = [folder.resolve() for folder in folders]
 
     def offers(self) -> list[Offer]:
         """Those named at the start first, then the folders' by age, the newest first."""
@@ -43,7 +47,7 @@ class Library:
     def path(self, offer_id: str) -> Path:
         """The recording that an offer stands for. Raises BadInput where it is not offered any more."""
         for path in (*self._files, *self._in_folders()):
-            if _id(path) == offer_id and path.exists():
+            if _id(path) == offer_id and _kind(path) in (stat.S_IFREG, stat.S_IFDIR):
                 return path
         raise BadInput("this recording is not there any more", todo="Choose another one of the list")
 
@@ -57,9 +61,18 @@ class Library:
 
 
 def _looks_like_one(path: Path) -> bool:
-    if path.is_dir():
-        return any((path / sign).is_file() for sign in _SIGNS_OF_A_FOLDER)
-    return path.name.endswith(_SUFFIXES)
+    kind = _kind(path)
+    if kind == stat.S_IFDIR:
+        return any(_kind(path / sign) == stat.S_IFREG for sign in _SIGNS_OF_A_FOLDER)
+    return kind == stat.S_IFREG and path.name.endswith(_SUFFIXES)
+
+
+def _kind(path: Path) -> int:
+    """What a name itself stands for, as in `stat.S_IFMT`; 0 where there is nothing."""
+    try:
+        return stat.S_IFMT(path.lstat().st_mode)
+    except OSError:
+        return 0
 
 
 def _id(path: Path) -> str:
@@ -68,8 +81,8 @@ def _id(path: Path) -> str:
 
 def _offer(path: Path) -> Offer | None:
     try:
-        told = path.stat()
-        size = sum(file.stat().st_size for file in path.iterdir()) if path.is_dir() else told.st_size
+        told = path.lstat()
+        size = sum(file.lstat().st_size for file in path.iterdir()) if path.is_dir() else told.st_size
     except OSError:
         return None
     return Offer(_id(path), _shown(path.name), _shown(str(path.parent)), size, told.st_mtime)

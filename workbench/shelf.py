@@ -17,7 +17,7 @@ import numpy as np
 from twin_daemon.comparison.compare import Comparison, compare_recording
 from twin_daemon.errors import BadInput
 from twin_daemon.hand import Hand
-from twin_daemon.recordings import load_joint_map, load_recording
+from twin_daemon.recordings import load_joint_map, load_offered
 from twin_daemon.signals.trajectory import load_trajectory
 from twin_daemon.simulation.alignment import Aligned, align
 from twin_daemon.simulation.terms import Terms
@@ -100,7 +100,7 @@ class Shelf:
         return self.nominal.changed(Terms.model_validate(self.store.get(version_id).terms))
 
     def _read(self, path: Path) -> Aligned:
-        recording = load_recording(path, self._names)
+        recording = load_offered(path, self._names)
         return align(self.nominal, recording, self._trajectory if recording.commands is None else None)
 
     def _once(
@@ -132,7 +132,7 @@ class Shelf:
 
 def _state_of(path: Path) -> tuple[str, int, int]:
     try:
-        told = path.stat()
+        told = path.lstat()
     except OSError as error:
         raise BadInput(f"cannot be read ({error.strerror})", where=path) from None
     return str(path), told.st_size, told.st_mtime_ns

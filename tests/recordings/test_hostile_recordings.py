@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import gzip
+import os
 import sqlite3
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 from rosbags.rosbag1 import Writer as Writer1
@@ -13,7 +15,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 
 from twin_daemon.errors import BadInput
-from twin_daemon.recordings import budget, load_recording, unpacking
+from twin_daemon.recordings import budget, load, load_offered, load_recording, unpacking
 
 from .bag_files import ROS1, ROS2, JointState, joint_state_bytes, write_bag
 
@@ -101,7 +103,7 @@ def test_a_bag_that_names_files_elsewhere(name: str, tmp_path: Path) -> None:
     secret.rename(tmp_path.parent / "secret.mcap")
     about = folder / "metadata.yaml"
     about.write_text(about.read_text().replace("motion.mcap", name))
-    refused(folder, "secret.mcap|passwd")
+    refused(folder, "missing|EOF|not supported|passwd|secret")
 
 
 HEADER = "name,position,velocity,effort,timestamp_nsecs\n"
@@ -144,3 +146,91 @@ def test_what_takes_too_long_is_left_whatever_its_form(
         refused(path, "of the processor")
     monkeypatch.setattr(budget, "MOST_MESSAGES", 1000)
     refused(path, "more than 1000 messages")
+
+
+def recording_in(folder: Path, form: str) -> Path:
+    stamps_ns = [10**18 + n * 10**6 for n in range(60)]
+    if form == "csv":
+        path = folder / "motion.csv"
+        path.write_text(HEADER + "".join(f'"[\'a\']","(0.0,)",(),(),{stamp_ns}\n' for stamp_ns in stamps_ns))
+        return path
+    if form == "pair":
+        (folder / "joint_list.txt").write_text("a\n")
+        path = folder / "motion"
+        path.mkdir()
+        lines = "".join(f'{stamp_ns // 1000},"(0.0,)"\n' for stamp_ns in stamps_ns)
+        (path / "state_motor.csv").write_text("timestamp,positions\n" + lines)
+        return path
+    return write_bag(form, folder, [JointState(stamp_ns, ["a"], [0.1]) for stamp_ns in stamps_ns])
+
+
+@pytest.mark.parametrize("form", ["csv", "pair", "bag", "mcap", "mcap_file", "mcap_zstd", "db3", "db3_file"])
+def test_what_is_offered_is_read_as_it_lies_in_its_folder_and_through_no_link(form: str, tmp_path: Path) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    path = recording_in(tmp_path / "elsewhere", form)
+    plain, offered = load_recording(path), load_offered(path)
+    assert (offered.name, offered.path, offered.sha256) == (plain.name, plain.path, plain.sha256)
+    assert (offered.position == plain.position).all()
+    link = tmp_path / path.name
+    link.symlink_to(path)
+    with pytest.raises(BadInput, match="is a link"):
+        load_offered(link)
+    if not path.is_dir():
+        return
+    inside = next(file for file in path.iterdir() if file.name != "metadata.yaml")
+    inside.rename(tmp_path / "taken")
+    inside.symlink_to(tmp_path / "taken")
+    load_recording(path)
+    with pytest.raises(BadInput, match="is a link") as caught:
+        load_offered(path)
+    assert str(inside) in str(caught.value)
+    inside.unlink()
+    os.mkfifo(inside)
+    with pytest.raises(BadInput, match="not a file"):
+        load_offered(path)
+
+
+def test_a_file_that_becomes_a_link_while_it_is_read_is_the_one_that_was_opened(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = recording_in(tmp_path, "csv")
+    (tmp_path / "secret.csv").write_text(f"root:hunter2\n{HEADER}")
+    read = load.load_recording
+
+    def swapped(held: Path, *more: Any) -> Any:
+        path.unlink()
+        path.symlink_to(tmp_path / "secret.csv")
+        return read(held, *more)
+
+    monkeypatch.setattr(load, "load_recording", swapped)
+    with pytest.raises(BadInput, match="replaced") as caught:
+        load_offered(path)
+    assert "hunter2" not in str(caught.value)
+
+
+SECRETS = [
+    "root:hunter2:0:0\nmore: 'hunter2'\n",
+    "token = hunter2",
+    "name,position,hunter2\n['hunter2'],(hunter2),hunter2\n",
+    "hunter2: [hunter2\n",
+    "hunter2: !hunter2 'x'\n",
+    "rosbag2_bagfile_information: {version: hunter2}\n",
+    "rosbag2_bagfile_information: {version: 5, relative_file_paths: [], storage_identifier: hunter2}\n",
+    "hunter2: 1\nhunter2: 2\n",
+]
+
+
+@pytest.mark.parametrize("text", SECRETS)
+@pytest.mark.parametrize("name", ["a.csv", "a.csv.gz", "a/control.csv", "a/metadata.yaml", "a.mcap", "a.db3", "a.bag"])
+def test_what_is_no_recording_is_not_quoted(text: str, name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(text)
+    if path.name == "control.csv":
+        path.with_name("state_motor.csv").write_text(text)
+        path.with_name("joint_list.txt").write_text(text)
+    shown = path if path.parent == tmp_path else path.parent
+    for read in (load_recording, load_offered):
+        with pytest.raises(BadInput) as caught:
+            read(shown)
+        assert "hunter2" not in str(caught.value)

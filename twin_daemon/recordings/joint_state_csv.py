@@ -14,6 +14,7 @@ from twin_daemon.recordings.csv_cells import lines, names, numbers, open_text
 from twin_daemon.recordings.rows import Rows
 
 REQUIRED = ("name", "position", "timestamp_nsecs")
+COLUMNS = (*REQUIRED, "velocity", "effort")
 _MAX_NS = 2**63 - 1
 _MAX_NAMES_CELLS = 256
 
@@ -29,7 +30,7 @@ def read_joint_state_csv(path: Path) -> Contents:
         missing = [column for column in REQUIRED if column not in columns]
         if missing:
             raise BadInput(
-                f"no column {', '.join(missing)} (there is {', '.join(columns[:12]) or 'nothing'})",
+                f"no column {', '.join(missing)} ({_others(columns)})",
                 allowed="name, position, velocity, effort, timestamp_nsecs",
             )
         collector.read(_records(source), columns)
@@ -37,6 +38,12 @@ def read_joint_state_csv(path: Path) -> Contents:
     if measured is None:
         raise BadInput(f"none of its {collector.messages} lines is a usable joint state")
     return Contents(measured, collector.messages, dropped=dropped)
+
+
+def _others(columns: list[str]) -> str:
+    """What there is instead, in words: what is no recording is not quoted, for it may be anything."""
+    known = [column for column in columns if column in COLUMNS]
+    return f"of its {len(columns)} columns {', '.join(known) if known else 'none'} is known"
 
 
 class _Collector:

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import stat
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+
+from yaml import YAMLError
 
 from twin_daemon.errors import BadInput, TwinError
 from twin_daemon.recordings.bag import Contents
 from twin_daemon.recordings.budget import reading
+from twin_daemon.recordings.confined import confined
 from twin_daemon.recordings.csv_pair import JOINT_LIST, pair_files, read_csv_pair
 from twin_daemon.recordings.joint_map import check_joint_map
 from twin_daemon.recordings.joint_state_csv import read_joint_state_csv
@@ -25,6 +29,7 @@ ALLOWED = (
     "a ROS 1 bag, a ROS 2 bag (folder, .mcap or .db3), a CSV of joint states, or a folder with control.csv and "
     "state_motor.csv"
 )
+_QUOTED = re.compile(r""""(?:\\.|[^"\\])*"|'(?:\\.|[^'\\])*'""")
 _LONG_BEFORE_NS = 60 * 1_000_000_000
 _MANY = 0.05  # when more of the messages than this are left out, a reader should be told in words
 
@@ -68,11 +73,29 @@ def load_recording(path: str | Path, joint_map: Mapping[str, str] | None = None)
     return recording.renamed(joint_map)
 
 
+def load_offered(path: Path, joint_map: Mapping[str, str] | None = None) -> Recording:
+    """Like `load_recording`, for what lies in a folder that others may write to: a link is not followed."""
+    with confined(path) as held:
+        try:
+            recording = load_recording(held, joint_map)
+        except BadInput as error:
+            what, where = (
+                None if text is None else text.replace(str(held), str(path)).replace(str(held.parent), str(path.parent))
+                for text in (error.what, error.where)
+            )
+            raise BadInput(what or "", where=where, allowed=error.allowed, todo=error.todo) from None
+    return replace(recording, path=path)
+
+
 _TODO = "Record it again, or copy it from where it is whole"
 
 
 def _cause(error: Exception) -> str:
-    text = " ".join(str(error).split())
+    """What broke, without a word of what is in the file: it may be none of ours, and others read what is said of it."""
+    if isinstance(error, YAMLError):
+        mark = getattr(error, "problem_mark", None)
+        return "no YAML" if mark is None else f"no YAML in line {mark.line + 1}"
+    text = " ".join(_QUOTED.sub("...", str(error)).split())
     return f"{type(error).__name__}: {text:.160}" if text else type(error).__name__
 
 
