@@ -1,4 +1,7 @@
-"""Who may do what on the page: reading is free on this machine, everything else needs the token.
+"""Who may do what on the page: reading is free on this machine, everything else needs a token.
+
+From elsewhere reading needs one, too: that to work, or a second one that only looks. A browser cannot put a header on
+the page's own address or on its stream, so the token is given once, to ENTER, for a cookie that reads and nothing else.
 
 A page of another site must neither read nor change anything through the browser of somebody who has this page open.
 So a request has to name this server (DNS rebinding) and, where a browser says who asks, come from this page; and what
@@ -7,14 +10,17 @@ changes something carries the token in a header, which no foreign page can set.
 
 from __future__ import annotations
 
+import hashlib
 import hmac
 import secrets
 from collections.abc import Iterable
 
 from starlette.datastructures import Headers, MutableHeaders
-from starlette.responses import JSONResponse
+from starlette.requests import HTTPConnection
+from starlette.responses import HTMLResponse, JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+ENTER = "/api/enter"
 TOKEN_HEADER = "X-Twin-Token"
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 _READING = ("GET", "HEAD")
@@ -30,15 +36,43 @@ def new_token() -> str:
     return secrets.token_urlsafe(32)
 
 
+def looking_token(token: str) -> str:
+    """The token that only looks, beside the one to work: who has this one has both."""
+    return hmac.new(token.encode(), b"look", hashlib.sha256).hexdigest()
+
+
+def looking_cookie(token: str) -> str:
+    """Name of the cookie of one workbench: a browser gives those of all ports of a machine to each of them."""
+    return f"twin-{hmac.new(token.encode(), b'cookie', hashlib.sha256).hexdigest()[:16]}"
+
+
 class Allowance:
     """The gate before the application (ASGI). `hosts` are the names under which this server may be asked.
 
-    `free` are paths that anybody may post to: stopping a hand must not fail for want of a token.
+    `free` are paths that anybody may post to: stopping a hand must not fail for want of a token. `local` says that only
+    this machine reaches the server: what is asked by a name of loopback is then free to read. Beginnings of paths in
+    `public` have nothing of the hand, and are free to read for everybody; `entrance` is what somebody without a token
+    sees in place of the page.
     """
 
-    def __init__(self, app: ASGIApp, token: str, hosts: Iterable[str], free: Iterable[str] = ()) -> None:
+    def __init__(
+        self,
+        app: ASGIApp,
+        token: str,
+        hosts: Iterable[str],
+        free: Iterable[str] = (),
+        *,
+        local: bool = True,
+        public: Iterable[str] = (),
+        entrance: str = "",
+    ) -> None:
         self._app = app
         self._token = token.encode()
+        self._looks = looking_token(token).encode()
+        self._cookie = looking_cookie(token)
+        self._local = local
+        self._public = tuple(public)
+        self._entrance = entrance
         self._hosts = frozenset(host.lower() for host in hosts)
         self._free = frozenset(free)
 
@@ -54,7 +88,10 @@ class Allowance:
             await send({"type": "websocket.close", "code": 1008, "reason": refusal[1][:120]})
         else:
             status, why = refusal
-            await JSONResponse({"error": why}, status)(scope, receive, _with_policy(send, ""))
+            answer: Response = JSONResponse({"error": why}, status)
+            if status == 401 and scope["path"] == "/" and scope["method"] in _READING:
+                answer = HTMLResponse(self._entrance, status)
+            await answer(scope, receive, _with_policy(send, headers.get("host", "") if status == 401 else ""))
 
     def _refusal(self, scope: Scope, headers: Headers) -> tuple[int, str] | None:
         """(status, why), or None where the request may pass."""
@@ -66,12 +103,21 @@ class Allowance:
             return 403, "the request comes from another page. Open the address that 'twin workbench' printed"
         if headers.get("sec-fetch-site") == "cross-site" and headers.get("sec-fetch-mode") != "navigate":
             return 403, "the request comes from another site"
-        if scope["type"] == "websocket" or scope["method"] in _READING or scope["path"] in self._free:
+        reads = scope["type"] == "websocket" or scope["method"] in _READING
+        if scope["path"] in self._free or (reads and self._may_read(scope, headers, _name(hosts[0]))):
             return None
         given = headers.getlist(TOKEN_HEADER)
-        if len(given) == 1 and hmac.compare_digest(given[0].encode(), self._token):
+        enough = (self._token, self._looks) if reads or scope["path"] == ENTER else (self._token,)
+        if len(given) == 1 and any(hmac.compare_digest(given[0].encode(), token) for token in enough):
             return None
         return 401, "this needs an allowance: open the page with the whole address that 'twin workbench' printed"
+
+    def _may_read(self, scope: Scope, headers: Headers, host: str) -> bool:
+        """Whether somebody without a token may read this: on this machine, with the cookie, or what says nothing."""
+        if (self._local and host in LOOPBACK) or scope["path"].startswith(self._public or ("\0",)):
+            return True
+        given = HTTPConnection(scope).cookies.get(self._cookie, "")
+        return hmac.compare_digest(given.encode(errors="replace"), self._looks)
 
 
 def _name(host: str) -> str:

@@ -28,7 +28,7 @@ from twin_daemon.hand import Hand
 from twin_daemon.jsonable import plain
 from twin_daemon.report.chart import in_script
 from twin_daemon.report.page import style
-from workbench.allowance import Allowance
+from workbench.allowance import ENTER, Allowance, looking_cookie, looking_token
 from workbench.hands import Hands, View
 from workbench.stream import stream_of
 
@@ -50,8 +50,11 @@ def build(
     hosts: Iterable[str],
     more: Iterable[BaseRoute] = (),
     at_end: Iterable[Ending] = (),
+    *,
+    local: bool = True,
 ) -> Starlette:
-    """The application. `more` are further routes, `at_end` is called when the server stops."""
+    """The application. `more` are further routes, `at_end` is called when the server stops. Where others than this
+    machine reach it (not `local`), reading needs a token as well."""
 
     @contextlib.asynccontextmanager
     async def lifespan(_app: Starlette) -> AsyncIterator[None]:
@@ -74,6 +77,13 @@ def build(
             return RedirectResponse("/", 303)
         return HTMLResponse(_page(template, hand, view, hands.fleet))
 
+    async def enter(_request: Request) -> Response:
+        answer = Response(status_code=204)
+        answer.set_cookie(looking_cookie(token), looking_token(token), httponly=True, samesite="strict")
+        return answer
+
+    plotly_path = f"/plotly-{plotly.__version__}.js"
+
     async def plotly_file(_request: Request) -> Response:
         forever = {"Cache-Control": "private, max-age=31536000, immutable"}  # its name holds its version
         return Response(plotly_js, media_type="text/javascript", headers=forever)
@@ -90,7 +100,8 @@ def build(
 
     routes: list[BaseRoute] = [
         Route("/", index),
-        Route(f"/plotly-{plotly.__version__}.js", plotly_file),
+        Route(ENTER, enter, methods=["POST"]),
+        Route(plotly_path, plotly_file),
         Route("/report.css", style_file),
         WebSocketRoute("/live", stream_of(hands)),
         posting("/api/keep", lambda body: hands.addressed(body.get("hand")).keep()),
@@ -102,7 +113,17 @@ def build(
     return Starlette(
         routes=routes,
         lifespan=lifespan,
-        middleware=[Middleware(Allowance, token=token, hosts=tuple(hosts), free=(_STOP,))],
+        middleware=[
+            Middleware(
+                Allowance,
+                token=token,
+                hosts=tuple(hosts),
+                free=(_STOP,),
+                local=local,
+                public=("/static/", plotly_path, "/report.css"),
+                entrance=(_HERE / "templates" / "entrance.html").read_text(encoding="utf-8"),
+            )
+        ],
         exception_handlers={TwinError: _said, HTTPException: _said, Exception: _said},
     )
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+import os
 import socket
+import urllib.request
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +25,7 @@ from twin_daemon.signals.trajectory import load_trajectory
 from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
 from twin_daemon.versions import Draft, ParameterRecord, VersionStore
+from workbench.allowance import looking_token
 
 
 def test_reading_is_free_and_everything_else_needs_the_token(served: Any) -> None:
@@ -35,7 +39,8 @@ def test_reading_is_free_and_everything_else_needs_the_token(served: Any) -> Non
 
 
 def test_a_foreign_name_or_page_gets_nothing(served: Any) -> None:
-    assert served.ask("/", Host="twin.lab")[0] == 200
+    assert served.ask("/", Host="twin.lab")[0] == 401
+    assert served.ask("/", Host="twin.lab", X_Twin_Token=served.token)[0] == 200
     for headers in (
         {"Host": "evil.example"},
         {"Host": f"evil.example:{served.host.rpartition(':')[2]}"},
@@ -252,3 +257,51 @@ def test_the_onset_is_estimated_until_somebody_knows_better(workbench: Any, tmp_
     assert (given["onset_s"], given["onset_estimated"]) == (0.8, False)
     assert given["mse_rad2"] > 10.0 * estimated["mse_rad2"]
     assert served.ask(f"/api/errors?recording={offer['id']}&version=nominal&onset_s=soon")[0] == 400
+
+
+def test_from_another_machine_reading_needs_a_token_too(workbench: Any, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("no recording")
+    served = workbench("--bind", "0.0.0.0", "--folder", str(tmp_path), "--name", "127.0.0.1")
+    served.address = f"http://127.0.0.1:{served.address.rpartition(':')[2].partition('/')[0]}"
+    for path in ("/api/recordings", "/api/hands", "/api/versions", "/api/job?kind=add", "/api/recording?recording=x"):
+        assert served.ask(path)[0] == 401, path
+    status, page = served.ask("/")
+    assert (status, "facts" in page, "rh_" in page) == (401, False, False)
+    with pytest.raises(InvalidStatus):
+        connect(f"ws://{served.host}/live")
+    assert served.ask("/static/entrance.js")[0] == 200
+    assert served.ask("/api/stop", {}, token=False)[0] == 503  # anybody may: only the daemon is not there
+    assert served.ask("/api/enter", {}, token=False)[0] == 401
+
+    looks = looking_token(served.token)
+    assert served.ask("/api/recordings", X_Twin_Token=looks)[0] == 200
+    assert served.ask("/api/keep", {}, token=False, X_Twin_Token=looks)[0] == 401
+    request = urllib.request.Request(served.address + "/api/enter", b"", {"X-Twin-Token": looks}, method="POST")
+    with urllib.request.urlopen(request, timeout=20) as answer:
+        cookie = answer.headers["Set-Cookie"]
+    assert {"HttpOnly", "SameSite=strict"} <= set(cookie.split("; "))
+    assert served.token not in cookie
+    cookie = cookie.partition(";")[0]
+    assert served.ask("/", Cookie=cookie)[0] == 200
+    assert served.ask("/api/recordings", Cookie=cookie)[0] == 200
+    assert served.ask("/api/keep", {}, token=False, Cookie=cookie)[0] == 401
+    assert served.ask("/api/recordings", Cookie=cookie[:-1])[0] == 401
+    with connect(f"ws://{served.host}/live", additional_headers={"Cookie": cookie}) as stream:
+        assert json.loads(stream.recv(timeout=20))
+
+
+def test_a_link_among_the_recordings_shows_nothing_of_what_it_leads_to(workbench: Any, tmp_path: Path) -> None:
+    folder = tmp_path / "offered"
+    (folder / "pair").mkdir(parents=True)
+    (tmp_path / "secret").write_text("root:hunter2\nmore\n")
+    for name in ("link.csv", "link.mcap", "pair/control.csv", "pair/state_motor.csv", "pair/joint_list.txt"):
+        (folder / name).symlink_to(tmp_path / "secret")
+    (folder / "plain.csv").write_text("root:hunter2\nmore\n")
+    os.mkfifo(folder / "pipe.csv")
+    served = workbench("--folder", str(folder))
+    offers = served.ask("/api/recordings")[1]["recordings"]
+    assert [offer["name"] for offer in offers] == ["plain.csv"]
+    ids = [hashlib.sha256(str(folder / name).encode()).hexdigest()[:16] for name in ("link.csv", "pair", "pipe.csv")]
+    for one in [offers[0]["id"], *ids]:
+        status, answer = served.ask(f"/api/recording?recording={one}")
+        assert (status, "hunter2" in json.dumps(answer)) == (400, False), answer

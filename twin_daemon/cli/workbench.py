@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import socket
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Annotated
 
@@ -62,7 +63,7 @@ def command(
     from twin_daemon.files import write_atomically
     from twin_daemon.resources import own_state_dir, state_dir
     from twin_daemon.versions import VersionStore
-    from workbench.allowance import LOOPBACK, new_token
+    from workbench.allowance import LOOPBACK, looking_token, new_token
     from workbench.app import build
     from workbench.compare import Compare
     from workbench.hands import Hands
@@ -82,6 +83,7 @@ def command(
     shelf = Shelf(chosen, VersionStore.of(chosen), trajectory, joint_map)
     listener = listen(bind, port)
     token = new_token()
+    local = is_loopback(bind)
     shown = f"[{bind}]" if ":" in bind else bind
     hosts = {*LOOPBACK, shown, socket.gethostname(), *(name or [])}
     for path in recording or []:
@@ -93,18 +95,25 @@ def command(
     learn = Learn(library, shelf, jobs, options_of_data)
     hands = Hands(chosen.description, Skeleton(shelf.nominal), where, fleet=fleet)
     routes = [*compare.routes, *learn.routes, *History(shelf.store).routes]
-    app = build(chosen, hands, token, hosts, routes, [jobs.close, shelf.close])
+    app = build(chosen, hands, token, hosts, routes, [jobs.close, shelf.close], local=local)
     name_shown = socket.gethostname() if bind in ("0.0.0.0", "::") else shown
+    look = "" if local else f"#look={looking_token(token)}"
     address = f"http://{name_shown}:{listener.getsockname()[1]}/"
 
     def ready() -> None:
         console = people()
         shown_hands = f"the hands at {where}" if fleet else chosen.description.namespace
         console.print(f"The workbench of {plain_text(shown_hands)}:", soft_wrap=True)
-        console.print(f"  to look:  {plain_text(address)}", soft_wrap=True)
+        if not (look and os.environ.get("JOURNAL_STREAM")):
+            console.print(f"  to look:  {plain_text(address)}{look}", soft_wrap=True)
         if os.environ.get("JOURNAL_STREAM"):  # a log is read by more people than may work
             write_atomically(own_state_dir() / "workbench.token", f"{token}\n".encode(), mode=0o600)
-            console.print(f"  to work:  the same with #token= and what is in {state_dir() / 'workbench.token'}")
+            if look:
+                write_atomically(own_state_dir() / "workbench.look", f"{looking_token(token)}\n".encode(), mode=0o600)
+                console.print(
+                    f"  to look:  {plain_text(address)}#look= and what is in {own_state_dir() / 'workbench.look'}"
+                )
+            console.print(f"  to work:  the same with #token= and what is in {own_state_dir() / 'workbench.token'}")
         else:
             console.print(f"  to work:  {plain_text(address)}#token={token}", soft_wrap=True)
         console.file.flush()
@@ -112,6 +121,14 @@ def command(
     with on_termination():
         serve(app, listener, seconds, ready)
     return 0
+
+
+def is_loopback(address: str) -> bool:
+    """Whether this machine alone reaches what listens there."""
+    try:
+        return ip_address(address).is_loopback
+    except ValueError:
+        return address == "localhost"
 
 
 def existing(paths: list[Path] | None) -> list[Path]:

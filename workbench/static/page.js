@@ -8,6 +8,8 @@ if (given) {
   history.replaceState(null, "", location.pathname + location.search);
 }
 
+if (location.hash.startsWith("#look=")) history.replaceState(null, "", location.pathname + location.search);
+
 export const facts = JSON.parse(document.getElementById("facts").textContent);
 export const element = (id) => document.getElementById(id);
 export const allowed = () => sessionStorage.getItem(TOKEN) !== null;
