@@ -12,7 +12,7 @@ from twin_daemon.cli.session import open_session
 from twin_daemon.diagnosis.candidates import hypotheses
 from twin_daemon.diagnosis.partfit import PartFit
 from twin_daemon.diagnosis.screening import Screening
-from twin_daemon.fitting.clear_parts import Reduction
+from twin_daemon.estimation.partition import Reduction
 from twin_daemon.simulation.submodel import parts
 
 Result = TypeVar("Result")

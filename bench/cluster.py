@@ -8,9 +8,9 @@ from collections.abc import Sequence
 
 from bench.frame import LeftOut, Row, ratio_row
 from bench.real import real
+from twin_daemon.calibration.calibrate import calibrate
+from twin_daemon.calibration.spaces import load_space
 from twin_daemon.executor import on_cluster, thread_count
-from twin_daemon.fitting.calibrate import calibrate
-from twin_daemon.fitting.spaces import load_space
 
 
 def cluster(quick: bool, seed: int) -> Sequence[Row]:

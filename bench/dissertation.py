@@ -27,10 +27,10 @@ from bench.frame import LeftOut
 from bench.machine import provenance
 from bench.objective import Found, Objective, gaussian_process
 from bench.real import real
+from twin_daemon.calibration.calibrate import calibrate, judged
+from twin_daemon.calibration.spaces import load_space
 from twin_daemon.comparison.compare import raw_command_mse
 from twin_daemon.errors import BadInput
-from twin_daemon.fitting.calibrate import calibrate, judged
-from twin_daemon.fitting.spaces import load_space
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
@@ -75,16 +75,16 @@ def _space(name: str, seconds: float, seed: int) -> dict[str, Any]:
                       fitted.wall_s, bound)  # fmt: skip
         searches[search] = _search(name, search, objective, found)
         if search == "least-squares":
-            known = {p.interval.identifiability for p in fitted.parameters.values()}
+            known = {p.identifiable for p in fitted.parameters.values()}
             searches[search]["identifiability"] = {
-                word: sum(p.interval.identifiability == word for p in fitted.parameters.values()) for word in known
+                word: sum(p.identifiable == word for p in fitted.parameters.values()) for word in known
             }
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the Gaussian process warns when a point comes up twice
         searches["bayes"] = _search(name, "bayes", objective, objective.run(gaussian_process(_CALLS, seconds, seed)))
     raw = raw_command_mse(twin, aligned)
     return {
-        "parameters": len(objective.knobs),
+        "parameters": len(objective.variables),
         "joints": list(objective.joints),
         "start_rad2": objective.before_rad2,
         "nominal_rad2": objective.judged(twin)[0],

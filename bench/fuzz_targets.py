@@ -19,10 +19,10 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
 from bridges import cdr
+from twin_daemon.calibration.spaces import load_space
 from twin_daemon.daemon.configuration import load_config
 from twin_daemon.daemon.messages import JointSample, MalformedPayload
 from twin_daemon.errors import BadInput
-from twin_daemon.fitting.spaces import load_space
 from twin_daemon.gate.gate import Gate
 from twin_daemon.gate.identity import Keyring, Proof, Who, ensure_keyring
 from twin_daemon.gate.requests import KINDS, BadRequest, read_request

@@ -12,11 +12,11 @@ import numpy as np
 
 from bench.frame import Row
 from bench.picture import picture
+from twin_daemon.calibration.spaces import Space, variables_of
+from twin_daemon.estimation.partition import restricted
+from twin_daemon.estimation.problem import Problem
 from twin_daemon.executor import thread_count
 from twin_daemon.figures.style import DOWN, REFERENCE, RESIDUAL, TWIN, UP
-from twin_daemon.fitting.clear_parts import restricted
-from twin_daemon.fitting.problem import Problem
-from twin_daemon.fitting.spaces import Space, knobs_of
 from twin_daemon.hand import load_hand
 from twin_daemon.plant import Plant
 from twin_daemon.plant.motions import rich
@@ -57,9 +57,9 @@ def growth(quick: bool, seed: int) -> Sequence[Row]:
 
     def batch(fingers: Sequence[str], candidates: int, recordings: int, length_s: float) -> Work:
         small, aligned = part(fingers, length_s)
-        knobs = knobs_of(_SPACE, small, small.joints)
-        problem = Problem(small, [aligned] * recordings, knobs, small.joints)
-        points = rng.random((candidates, len(knobs)))
+        variables = variables_of(_SPACE, small, small.joints)
+        problem = Problem(small, [aligned] * recordings, variables, small.joints)
+        points = rng.random((candidates, len(variables)))
         return lambda: problem.residuals(points)
 
     finger, usual = _FINGERS[0], (_USUAL_CANDIDATES, 1, _USUAL_S)

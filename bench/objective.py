@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from twin_daemon.fitting.calibrate import judged, started
-from twin_daemon.fitting.excerpts import excerpts
-from twin_daemon.fitting.reduce import reduced_problems
-from twin_daemon.fitting.spaces import Space, knobs_of, objective_of
-from twin_daemon.fitting.tracker import BudgetSpent, Tracker
-from twin_daemon.simulation.alignment import Aligned
+from twin_daemon.calibration.calibrate import judged, started
+from twin_daemon.calibration.spaces import Space, objective_of, variables_of
+from twin_daemon.estimation.solvers.tracker import BudgetSpent, Tracker
+from twin_daemon.estimation.subproblems import reduced_problems
+from twin_daemon.estimation.windows import excerpts
+from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.twin import TwinModel
 
 Search = Callable[[Tracker], None]
@@ -41,10 +41,10 @@ class Objective:
     """One space on one set of recordings. `nominal` is the twin as it was given, `twin` at the space's own start."""
 
     def __init__(self, twin: TwinModel, train: Sequence[Aligned], held: Sequence[Aligned], space: Space) -> None:
-        moving = tuple(name for i, name in enumerate(twin.joints) if any(r.moving[i] for r in train))
+        moving = moving_joints(train)
         self.joints = objective_of(space, twin, moving)
-        self.knobs = knobs_of(space, twin, moving)
-        self.nominal, self.twin = twin, started(twin, space, self.knobs)
+        self.variables = variables_of(space, twin, moving)
+        self.nominal, self.twin = twin, started(twin, space, self.variables)
         self.train, self.held = list(train), list(held)
         self.before_rad2, self.aligned = judged(self.twin, train, self.joints)
 
@@ -56,17 +56,17 @@ class Objective:
 
     def run(self, search: Search, budget: int | None = None) -> Found:
         """One search from the space's start; the time is that of the search alone."""
-        (sub,) = reduced_problems(self.twin, excerpts(self.aligned), self.knobs, self.joints, separable=False)
+        (sub,) = reduced_problems(self.twin, excerpts(self.aligned), self.variables, self.joints, separable=False)
         tracker = Tracker(sub.problem, budget=budget)
         began = time.monotonic()
         with contextlib.suppress(BudgetSpent), threadpool_limits(limits=1):
             search(tracker)
         wall_s = time.monotonic() - began
-        units = dict(zip((k.name for k in sub.problem.knobs), map(float, tracker.best), strict=True))
+        units = dict(zip((v.name for v in sub.problem.variables), map(float, tracker.best), strict=True))
         twin = self.twin.changed(sub.added_to(self.twin.terms, units))
         after, held = self.judged(twin)
         values = sub.problem.values(tracker.best)
-        bound = [k.name for k, v in zip(sub.problem.knobs, values, strict=True) if k.at_bound(float(v))]
+        bound = [v.name for v, value in zip(sub.problem.variables, values, strict=True) if v.at_bound(float(value))]
         return Found(twin, self.before_rad2, after, held, tracker.history, wall_s, bound)
 
 
@@ -79,7 +79,7 @@ def gaussian_process(calls: int, seconds: float, seed: int) -> Search:
         began = time.monotonic()
         gp_minimize(
             lambda point: float(tracker.cost(np.array([point]))[0]),
-            [(0.0, 1.0)] * len(tracker.problem.knobs),
+            [(0.0, 1.0)] * len(tracker.problem.variables),
             x0=[float(unit) for unit in tracker.problem.start],
             n_calls=calls,
             random_state=seed,

@@ -13,10 +13,10 @@ from bench.frame import LeftOut, Row, ratio_row
 from bench.objective import Objective, Search, gaussian_process
 from bench.real import real
 from bench.sysid_peer import SysidRun, run_sysid
+from twin_daemon.calibration.calibrate import Calibration, calibrate
+from twin_daemon.calibration.spaces import load_space
 from twin_daemon.comparison.split import hold_out
-from twin_daemon.fitting.calibrate import Calibration, calibrate
-from twin_daemon.fitting.spaces import load_space
-from twin_daemon.fitting.tracker import Tracker
+from twin_daemon.estimation.solvers.tracker import Tracker
 
 _GP_CALLS = 60
 
@@ -88,7 +88,7 @@ def sysid(quick: bool, seed: int) -> Sequence[Row]:
             missed = f"not reached in {len(runs) - len(taken)} of {len(runs)} rounds"
             rows.append(Row(what, None, float(np.median(wall_s)), goal="at most 0.5", met=False, note=missed))
     known = ours[0].fit.parameters.values()
-    unsure = sum(p.interval.identifiability != "identifiable" for p in known)
+    unsure = sum(p.identifiable != "identifiable" for p in known)
     bound = sum(p.at_bound for p in known)
     told = f"`twin calibrate` calls {unsure} of {len(known)} values weak or not identifiable, and {bound} on a bound"
     rows[0] = replace(rows[0], note=f"{rows[0].note}; {told}")

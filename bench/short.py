@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from bench.dissertation_page import SPACES
 from bench.frame import Row
 from bench.real import real
-from twin_daemon.fitting.calibrate import calibrate
-from twin_daemon.fitting.spaces import load_space
+from twin_daemon.calibration.calibrate import calibrate
+from twin_daemon.calibration.spaces import load_space
 
 _MOST_S = 60.0
 

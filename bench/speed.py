@@ -13,10 +13,10 @@ import numpy as np
 from rosbags.highlevel import AnyReader
 
 from bench.frame import Row, ratio_row
-from twin_daemon.fitting.clear_parts import restricted
-from twin_daemon.fitting.problem import Problem
-from twin_daemon.fitting.reduce import reduced_problems
-from twin_daemon.fitting.spaces import knobs_of, load_space
+from twin_daemon.calibration.spaces import load_space, variables_of
+from twin_daemon.estimation.partition import restricted
+from twin_daemon.estimation.problem import Problem
+from twin_daemon.estimation.subproblems import reduced_problems
 from twin_daemon.hand import load_hand
 from twin_daemon.plant import Plant
 from twin_daemon.plant.motions import rich
@@ -82,20 +82,20 @@ def _finger(twin: TwinModel, aligned: Aligned) -> tuple[Work, Work]:
     small = submodel(twin, joints, aligned.start_position)
     problems = []
     for model, recording in ((small, restricted(aligned, small)), (twin, aligned)):
-        problems.append(Problem(model, [recording], knobs_of(load_space("wear"), model, joints), joints))
+        problems.append(Problem(model, [recording], variables_of(load_space("wear"), model, joints), joints))
     works = [_residuals(problem, _CANDIDATES) for problem in problems]
     return works[0], works[1]
 
 
 def _touching(twin: TwinModel, aligned: Aligned) -> tuple[Work, Work]:
     moving = tuple(n for n, moves in zip(twin.joints, aligned.moving, strict=True) if moves)
-    knobs = knobs_of(load_space("wear"), twin, moving)
-    parts = reduced_problems(twin, [aligned], knobs, moving, separable=True, clear=True)
-    turned = {knob.name for sub in parts for knob in sub.problem.knobs}
-    same = [knob for knob in knobs if knob.name in turned]
+    variables = variables_of(load_space("wear"), twin, moving)
+    parts = reduced_problems(twin, [aligned], variables, moving, separable=True, clear=True)
+    turned = {variable.name for sub in parts for variable in sub.problem.variables}
+    same = [variable for variable in variables if variable.name in turned]
     joints = [name for name in moving if any(name in sub.problem.objective for sub in parts)]
     whole = Problem(twin, [aligned], same, joints)
-    each = [_residuals(sub.problem, len(sub.problem.knobs)) for sub in parts]
+    each = [_residuals(sub.problem, len(sub.problem.variables)) for sub in parts]
     return (lambda: [work() for work in each]), _residuals(whole, len(same))
 
 

@@ -14,9 +14,9 @@ import numpy as np
 
 from bench.frame import LeftOut
 from bench.objective import Objective
-from twin_daemon.fitting.excerpts import excerpts
-from twin_daemon.fitting.knobs import Knob
-from twin_daemon.fitting.reduce import reduced_problems
+from twin_daemon.estimation.subproblems import reduced_problems
+from twin_daemon.estimation.variables import Variable
+from twin_daemon.estimation.windows import excerpts
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
 
@@ -43,12 +43,18 @@ def run_sysid(objective: Objective, *, tuned: bool, most_iterations: int = 200) 
     sysid = _sysid()
     twin, aligned = objective.twin, objective.aligned[0]
     if tuned:
-        (sub,) = reduced_problems(twin, excerpts(objective.aligned), objective.knobs, objective.joints, separable=False)
+        (sub,) = reduced_problems(
+            twin, excerpts(objective.aligned), objective.variables, objective.joints, separable=False
+        )
         twin, aligned = sub.problem.twin, sub.problem.recordings[0]
     sequences = _sequences(sysid, twin, aligned, objective.joints)
     parameters = sysid.ParameterDict()
-    for knob in objective.knobs:
-        parameters.add(sysid.Parameter(knob.name, knob.start, knob.lower, knob.upper, modifier=_modifier(twin, knob)))
+    for variable in objective.variables:
+        parameters.add(
+            sysid.Parameter(
+                variable.name, variable.start, variable.lower, variable.upper, modifier=_modifier(twin, variable)
+            )
+        )
     options: dict[str, Any] = {}
     transform = None
     if tuned:
@@ -67,7 +73,7 @@ def run_sysid(objective: Objective, *, tuned: bool, most_iterations: int = 200) 
         found, result = sysid.optimize(parameters, counted, max_iters=most_iterations, **options)
     wall_s = time.monotonic() - began
     _, half_widths = sysid.calculate_intervals(residual(found.as_vector(), found)[0], result.jac)
-    values = {w[1]: float(found[k.name].value[0]) for k in objective.knobs for w in k.writes}
+    values = {name: float(found[v.name].value[0]) for v in objective.variables for name in v.parameters_moved}
     after, held = objective.judged(objective.twin.changed(objective.twin.terms.with_parameters(values)))
     unbounded = int((~np.isfinite(half_widths)).sum())
     return SysidRun(after, held, wall_s, count, len(half_widths), unbounded)
@@ -104,8 +110,8 @@ def _sequences(sysid: Any, twin: TwinModel, aligned: Aligned, joints: tuple[str,
     return sysid.ModelSequences(twin.hand.name, spec, aligned.recording.name, start, control, measured)
 
 
-def _modifier(twin: TwinModel, knob: Knob) -> Callable[[Any, Any], None]:
-    targets = [twin.parameter(write[1]) for write in knob.writes]
+def _modifier(twin: TwinModel, variable: Variable) -> Callable[[Any, Any], None]:
+    targets = [twin.parameter(name) for name in variable.parameters_moved]
 
     def modify(spec: Any, parameter: Any) -> None:
         for target in targets:

@@ -6,9 +6,9 @@ import numpy as np
 
 from bench.objective import Objective
 from tests.simulation.made import FINGER, recorded
-from twin_daemon.fitting.calibrate import calibrate
-from twin_daemon.fitting.searches.random import random_search
-from twin_daemon.fitting.spaces import Space
+from twin_daemon.calibration.calibrate import calibrate
+from twin_daemon.calibration.spaces import Space
+from twin_daemon.estimation.solvers.random import random_search
 from twin_daemon.hand import load_hand
 from twin_daemon.simulation.alignment import align
 from twin_daemon.simulation.terms import Terms

@@ -12,10 +12,10 @@ import pytest
 
 from tests.diagnosis.conftest import JOINT, called
 from twin_daemon.diagnosis.conclude import Outcome, conclude
-from twin_daemon.diagnosis.descent import Descent, searched
-from twin_daemon.diagnosis.nuisances import beside, factors, nuisance_knobs
-from twin_daemon.diagnosis.whitened import WhitenedProblem
-from twin_daemon.fitting.knobs import Knob
+from twin_daemon.estimation.nuisances import beside, factors, nuisance_variables
+from twin_daemon.estimation.posterior import Posterior
+from twin_daemon.estimation.solvers.trust_region import Descent, searched
+from twin_daemon.estimation.variables import ParameterVariable
 from twin_daemon.signals.trajectory import Trajectory, load_trajectory
 from twin_daemon.simulation.twin import TwinModel
 
@@ -52,11 +52,11 @@ def test_one_part_that_moved_richly_makes_a_hand_sound(twin: TwinModel, parts: t
 
 
 def test_an_effects_value_counts_from_what_the_model_states(twin: TwinModel) -> None:
-    knobs = nuisance_knobs(twin, (), (JOINT,))
-    values = {knob.name: 1.5 if knob.name == f"{JOINT}.kp" else 2.0 for knob in knobs}
-    assert factors(knobs, values)[f"{JOINT}.armature"] == 3.0
-    left = beside(knobs, {f"{JOINT}.armature"})
-    assert {k.name for k in knobs} - {k.name for k in left} == {f"{JOINT}.armature"}
+    variables = nuisance_variables(twin, (), (JOINT,))
+    values = {variable.name: 1.5 if variable.name == f"{JOINT}.kp" else 2.0 for variable in variables}
+    assert factors(variables, values)[f"{JOINT}.armature"] == 3.0
+    left = beside(variables, {f"{JOINT}.armature"})
+    assert {k.name for k in variables} - {k.name for k in left} == {f"{JOINT}.armature"}
     assert f"{JOINT}.armature" not in factors(left, values)
     assert factors(left, values)[f"{JOINT}.damping"] == 3.0
 
@@ -66,8 +66,8 @@ def test_a_pattern_search_gets_across_corners_at_which_a_descent_ends() -> None:
         away = points[:, 0] - 0.5
         return np.stack([away + 0.004 * np.sin(400.0 * away), points[:, 1] - 2.0 * away - 0.3], axis=1)
 
-    knobs = [Knob(name, "1", 0.0, 1.0, 0.5, False, writes=()) for name in ("effect:there.size", "nuisance")]
-    problem = cast("WhitenedProblem", SimpleNamespace(knobs=knobs, residuals=residuals))
+    variables = [ParameterVariable(name, "1", 0.0, 1.0, 0.5) for name in ("effect:there.size", "nuisance")]
+    problem = cast("Posterior", SimpleNamespace(variables=variables, residuals=residuals))
     start = np.array([0.44, 0.0])
     stopped = Descent(start, residuals(start[None])[0], np.array([[0.0, 0.0], [0.0, 1.0]]), 1.0)
     reached = searched(problem, stopped, (0,))

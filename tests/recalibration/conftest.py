@@ -1,3 +1,3 @@
 """The twin that is recalibrated is the one that is calibrated."""
 
-from tests.fitting.conftest import twin as twin
+from tests.estimation.conftest import twin as twin

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.simulation.made import FINGER, recorded
-from twin_daemon.fitting.clear_parts import restricted
+from twin_daemon.estimation.partition import restricted
 from twin_daemon.simulation.alignment import align, predict
 from twin_daemon.simulation.submodel import parts, submodel
 from twin_daemon.simulation.terms import EffectTerm, Terms

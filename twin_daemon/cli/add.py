@@ -18,8 +18,8 @@ from twin_daemon.cli.tables import slim_table
 from twin_daemon.errors import BadInput
 
 if TYPE_CHECKING:
-    from twin_daemon.diagnosis.refit import RefittedValue
     from twin_daemon.effects.base import Effect, Place
+    from twin_daemon.estimation.uncertainty import Estimate
     from twin_daemon.simulation.alignment import Aligned
     from twin_daemon.simulation.terms import EffectTerm
     from twin_daemon.simulation.twin import TwinModel
@@ -55,7 +55,7 @@ def command(
     targets = effect_targets(session.twin, kind, joint)
     added = [_term(effect, target, start) for target in targets]
     changed = _changed(session.twin, added)
-    fitted: dict[str, RefittedValue] = {}
+    fitted: dict[str, Estimate] = {}
     train, held, notes = data_of(session, recording, holdout, trajectory)
     if train and any(p.name not in given and not p.held for p in kind.parameters):
         from twin_daemon.diagnosis.refit import refit_effect

@@ -21,8 +21,9 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import TaskID
 
-    from twin_daemon.fitting.calibrate import Calibration, FittedParameter
-    from twin_daemon.fitting.tracker import Progress
+    from twin_daemon.calibration.calibrate import Calibration
+    from twin_daemon.estimation.solvers.tracker import Progress
+    from twin_daemon.estimation.uncertainty import Estimate
     from twin_daemon.simulation.alignment import Aligned
     from twin_daemon.versions import Proposed
 
@@ -61,10 +62,10 @@ def command(
     With --run the hand itself is driven along a trajectory, through the gate, and what it does is recorded first.
     Ctrl-C keeps the best so far. Without --holdout every third stretch of time of the recordings is held out.
     """
+    from twin_daemon.calibration.calibrate import calibrate
+    from twin_daemon.calibration.spaces import load_space
     from twin_daemon.comparison.split import hold_out
     from twin_daemon.executor import on_cluster
-    from twin_daemon.fitting.calibrate import calibrate
-    from twin_daemon.fitting.spaces import load_space
 
     require_folder(json)
     if not recording and run is None:
@@ -144,8 +145,8 @@ def _store(
                 lower=p.lower,
                 upper=p.upper,
                 at_bound=p.at_bound,
-                ci95=(p.interval.lower, p.interval.upper),
-                identifiable=p.interval.identifiability,
+                ci95=p.ci95,
+                identifiable=p.identifiable,
             )
             for name, p in result.parameters.items()
         },
@@ -198,7 +199,7 @@ def _payload(
     }
 
 
-def fitted_values(parameters: Mapping[str, FittedParameter]) -> dict[str, dict[str, Any]]:
+def fitted_values(parameters: Mapping[str, Estimate]) -> dict[str, dict[str, Any]]:
     """Fitted parameters by name, as the contract spells them."""
     return {
         name: {
@@ -207,21 +208,21 @@ def fitted_values(parameters: Mapping[str, FittedParameter]) -> dict[str, dict[s
             "lower": p.lower,
             "upper": p.upper,
             "at_bound": p.at_bound,
-            "ci95": [p.interval.lower, p.interval.upper],
-            "identifiable": p.interval.identifiability == "identifiable",
-            "identifiability": p.interval.identifiability,
-            "confused_with": p.interval.confused_with,
+            "ci95": list(p.ci95),
+            "identifiable": p.identifiable == "identifiable",
+            "identifiability": p.identifiable,
+            "confused_with": p.confused_with,
         }
         for name, p in parameters.items()
     }
 
 
-def _said(parameter: FittedParameter) -> str:
-    words = parameter.interval.identifiability.replace("_", " ")
+def _said(parameter: Estimate) -> str:
+    words = (parameter.identifiable or "").replace("_", " ")
     if parameter.at_bound:
         words += ", on its bound"
-    if parameter.interval.confused_with:
-        words += f", trades off with {plain_text(parameter.interval.confused_with)}"
+    if parameter.confused_with:
+        words += f", trades off with {plain_text(parameter.confused_with)}"
     return words
 
 
@@ -236,7 +237,7 @@ def _show(payload: dict[str, Any], result: Calibration, json: str | None) -> Non
         table.add_row(f"[bold]{plain_text(kind)}[/], {result.parameters[names[0]].unit}", "", "", "")
         for name in names:
             p = result.parameters[name]
-            span = f"{p.interval.lower:.3g} .. {p.interval.upper:.3g}"
+            span = f"{p.ci95[0]:.3g} .. {p.ci95[1]:.3g}"
             table.add_row(place_of(name), f"{p.value:.4g}", span, _said(p))
     console.print(table)
     console.print(f"fitted:   {result.before_rad2:.4g} -> [bold]{result.after_rad2:.4g} rad²[/]")

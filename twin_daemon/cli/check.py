@@ -25,8 +25,8 @@ def command(
     json: options.Json = None,
 ) -> None:
     """Judge a recording before fitting to it: its quality, and what each parameter would get from it."""
-    from twin_daemon.fitting.check import prospects
-    from twin_daemon.fitting.spaces import load_space
+    from twin_daemon.calibration.check import advice, prospects
+    from twin_daemon.calibration.spaces import load_space
 
     require_folder(json)
     chosen = load_space(space or "physical")
@@ -39,12 +39,12 @@ def command(
         "recordings": [quality(session, r) for r in aligned],
         "parameters": {
             name: {
-                "verdict": p.verdict,
-                "identifiable": p.verdict == "identifiable",
+                "verdict": p.identifiable,
+                "identifiable": p.identifiable == "identifiable",
                 "unit": p.unit,
-                "ci95_width": p.ci95_width,
+                "ci95_width": p.ci95[1] - p.ci95[0],
                 "confused_with": p.confused_with,
-                "advice": p.advice,
+                "advice": advice(name, p),
             }
             for name, p in found.items()
         },
@@ -55,7 +55,7 @@ def command(
 
 def quality(session: Session, aligned: Aligned) -> dict[str, Any]:
     """One recording's data, in numbers and in words."""
-    from twin_daemon.fitting.check import saturated_joints
+    from twin_daemon.calibration.check import saturated_joints
 
     recording = aligned.recording
     saturated = saturated_joints(session.twin, aligned)

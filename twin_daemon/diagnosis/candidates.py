@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin_daemon.diagnosis.nuisances import OWN
 from twin_daemon.effects import LIBRARY
 from twin_daemon.effects.base import Effect, Parameter
-from twin_daemon.fitting.effect_knobs import value_knob
-from twin_daemon.fitting.knobs import Knob
+from twin_daemon.estimation.nuisances import OWN
+from twin_daemon.estimation.variables import EffectVariable, effect_variable
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.terms import EffectTerm
 from twin_daemon.simulation.twin import TwinModel
@@ -39,17 +38,17 @@ class Hypothesis:
     def term(self, values: dict[str, float]) -> EffectTerm:
         return EffectTerm(effect=self.effect.key, target=self.target, values=values)
 
-    def knobs(self, start: dict[str, float]) -> tuple[Knob, ...]:
-        """The effect's parameters as knobs that start at these values, in a box of the size of its starts."""
+    def variables(self, start: dict[str, float]) -> tuple[EffectVariable, ...]:
+        """The effect's parameters as variables that start at these values, in a box of the size of its starts."""
         complete = self.effect.complete(start)
-        knobs = []
+        variables = []
         for p in self.effect.parameters:
             lower, upper = self._box(p)
             if p.held:
                 lower, upper = max(p.lower, complete[p.name] / _NEARBY), min(p.upper, complete[p.name] * _NEARBY)
             if lower < upper:
-                knobs.append(value_knob(self.effect.key, self.target, p, (lower, upper), complete[p.name]))
-        return tuple(knobs)
+                variables.append(effect_variable(self.effect.key, self.target, p, (lower, upper), complete[p.name]))
+        return tuple(variables)
 
     def _box(self, p: Parameter) -> tuple[float, float]:
         values = [start[p.name] for start in self.starts]
@@ -72,7 +71,7 @@ class Hypothesis:
 
     def sensible(self) -> bool:
         """Whether the effect has anything to fit here."""
-        return bool(self.starts) and bool(self.knobs(self.starts[0]))
+        return bool(self.starts) and bool(self.variables(self.starts[0]))
 
     def speaks_for(self, twin: TwinModel) -> set[str]:
         """Names of the nuisances that this candidate itself moves."""

@@ -14,6 +14,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from twin_daemon.calibration.calibrate import Calibration, calibrate
+from twin_daemon.calibration.spaces import load_space
 from twin_daemon.comparison.compare import raw_command_error
 from twin_daemon.diagnosis.diagnose import MOST_OF_IT, REFINEMENT, diagnose
 from twin_daemon.diagnosis.ladder import Ladder, Step, mean_error
@@ -22,9 +24,7 @@ from twin_daemon.diagnosis.verdict import Diagnosis, Finding, VerdictName
 from twin_daemon.effects import LIBRARY
 from twin_daemon.errors import BadInput
 from twin_daemon.executor import TimeLimit
-from twin_daemon.fitting.calibrate import Calibration, calibrate
-from twin_daemon.fitting.spaces import load_space
-from twin_daemon.simulation.alignment import Aligned
+from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.submodel import parts
 from twin_daemon.simulation.twin import TwinModel
 
@@ -163,7 +163,7 @@ class _Climber:
     def _look(self, only: Collection[str] | None) -> None:
         """Diagnoses some parts again, or all: what was found in one stays true while another one changes."""
         twin, train = self.ladder.twin, self._train
-        moving = {name for i, name in enumerate(twin.joints) if any(r.moving[i] for r in train)}
+        moving = moving_joints(train)
         for part in parts(twin):
             own = [name for name in part.joints if name in moving]
             if own and (only is None or part.name in only) and not (self._parts and self.limit.over()):

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from twin_daemon.diagnosis.candidates import Hypothesis
 from twin_daemon.diagnosis.fit import Fit
 from twin_daemon.diagnosis.gate import HeldOut
-from twin_daemon.diagnosis.intervals import knob_interval, unit_sigmas
+from twin_daemon.diagnosis.intervals import own_estimates
 from twin_daemon.diagnosis.partfit import FORBIDDEN_SIGMA, QUIET_CHI_SQUARE, PartFit
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding, FittedValue, Trial, VerdictName
 from twin_daemon.diagnosis.where import where_it_fails
@@ -133,12 +133,7 @@ def _too_poor(outcome: Outcome) -> str:
 
 def _finding(accepted: Accepted) -> Finding:
     part, fit, judged, hypothesis = accepted.part, accepted.fit, accepted.judged, accepted.hypothesis
-    widths = unit_sigmas(fit)
-    parameters = {}
-    for index, knob in fit.own_knobs:
-        name = knob.name.rpartition(".")[2]
-        interval = knob_interval(fit, knob, widths[index])
-        parameters[name] = FittedValue(fit.values[name], knob.unit, interval)
+    parameters = {name: FittedValue(one.value, one.unit, one.ci95) for name, one in own_estimates(fit).items()}
     twin = part.twin
     if hypothesis.target == "hand":
         joints = tuple(part.joints)

@@ -17,9 +17,10 @@ from twin_daemon.diagnosis.partfit import QUIET_CHI_SQUARE, SUSPECT_SIGMA, PartF
 from twin_daemon.diagnosis.screening import Screening
 from twin_daemon.diagnosis.verdict import Diagnosis, Trial
 from twin_daemon.diagnosis.visible import DECISIVE_NATS, unseen
+from twin_daemon.estimation.partition import Reduced, Reduction
+from twin_daemon.estimation.variables import EffectVariable
 from twin_daemon.executor import OutOfTime, TimeLimit, concurrently
-from twin_daemon.fitting.clear_parts import Reduced, Reduction
-from twin_daemon.simulation.alignment import Aligned
+from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.submodel import parts
 from twin_daemon.simulation.twin import TwinModel
 
@@ -65,7 +66,7 @@ def diagnose(
     """
     limit = limit or TimeLimit()
     say = stream or (lambda _: None)
-    moving = [n for i, n in enumerate(twin.joints) if any(r.moving[i] for r in train) and (not joints or n in joints)]
+    moving = [name for name in moving_joints(train) if not joints or name in joints]
     if not moving:
         return nothing_moves(joints)
     reduction = Reduction(twin, train, holdout)
@@ -188,7 +189,7 @@ def _judged_joints(part: PartFit, fit: Fit) -> set[str]:
 
 def _strained(part: PartFit) -> dict[str, float]:
     """The nuisances that are too far from their priors to be nuisances, in sigma."""
-    values = {knob.name for knob in part.knobs if knob.writes[0][0] == "effect"}
+    values = {variable.name for variable in part.variables if isinstance(variable, EffectVariable)}
     strains = part.base.strains.items()
     return {name: sigma for name, sigma in strains if name not in values and abs(sigma) > STRAINED_SIGMA}
 
@@ -293,7 +294,11 @@ def _shortlist(screening: Screening, part: PartFit, outcome: Outcome) -> list[Ro
     everything = hypotheses(part.twin, sorted(part.suspects, key=part.joints.index), whole_hand=True)
     owners = [h for h in everything if h.speaks_for(part.twin)]
     quiet = part.base.chi_square <= QUIET_CHI_SQUARE
-    near = {part.group_of(knob.joints[0]) for knob in part.knobs if knob.name in strained and knob.joints}
+    near = {
+        part.group_of(variable.joints[0])
+        for variable in part.variables
+        if variable.name in strained and variable.joints
+    }
     asked = [h for h in everything if part.group_of(h.target) in near] if quiet and near else everything
     screened = [starts for starts in concurrently(screening.screen, asked) if starts]
     looked_at = _worth_a_look(screening, screened, {h.name for h in owners})

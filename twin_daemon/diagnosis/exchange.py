@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from twin_daemon.diagnosis.conclude import Accepted
 from twin_daemon.diagnosis.fit import Fit
-from twin_daemon.diagnosis.intervals import knob_interval, unit_sigmas
+from twin_daemon.diagnosis.intervals import is_idle
 from twin_daemon.diagnosis.partfit import PartFit
 from twin_daemon.executor import concurrently
 
@@ -39,17 +39,9 @@ def exchanged(
         most = max(range(len(choices)), key=evidence.__getitem__)
         bar = evidence[most] - decisive(fits[most][index])
         tied = [i for i, nats in enumerate(evidence) if i == most or nats > bar]
-        best = min(tied, key=lambda i: (_idle(fits[i][index]), -evidence[i]))
+        best = min(tied, key=lambda i: (is_idle(fits[i][index]), -evidence[i]))
         close = tuple(choices[i] for i in tied if i != best)
         richer = tuple(r for r in item.rivals if r not in asked) if best == 0 else ()
         found = [replace(a, fit=fit) for a, fit in zip(beside[best], fits[best], strict=True)]
         found[index] = replace(found[index], rivals=(*(replace(c, rivals=()) for c in close), *richer))
     return found
-
-
-def _idle(fit: Fit) -> bool:
-    """Whether the 95 % interval of the parameter that a law is about has the value that does nothing."""
-    index, knob = fit.own_knobs[0]
-    low, high = knob_interval(fit, knob, float(unit_sigmas(fit)[index]))
-    assert fit.hypothesis is not None
-    return low <= fit.hypothesis.effect.neutral()[knob.name.rpartition(".")[2]] <= high

@@ -11,9 +11,9 @@ import numpy as np
 
 from twin_daemon.diagnosis.refit import refit_effect
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding
-from twin_daemon.diagnosis.whitened import MODEL_FLOOR_RAD
 from twin_daemon.effects import LIBRARY
 from twin_daemon.errors import BadInput
+from twin_daemon.estimation.posterior import MODEL_FLOOR_RAD
 from twin_daemon.hand.description import Hand
 from twin_daemon.signals.commands import CommandSignal
 from twin_daemon.signals.trajectory import Trajectory, allowed_range, load_trajectory, save_trajectory

@@ -7,17 +7,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin_daemon.diagnosis.candidates import Hypothesis
-from twin_daemon.diagnosis.descent import Descent
-from twin_daemon.diagnosis.whitened import WhitenedProblem
-from twin_daemon.fitting.knobs import Knob, Prior
+from twin_daemon.estimation.posterior import Posterior
+from twin_daemon.estimation.solvers.trust_region import Descent
+from twin_daemon.estimation.variables import EffectVariable, Prior
 
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted candidate: its point over `problem.knobs`, its cost (-2 log posterior) and its chi-square."""
+    """A fitted candidate: its point over `problem.variables`, its cost (-2 log posterior) and its chi-square."""
 
     hypothesis: Hypothesis | None
-    problem: WhitenedProblem
+    problem: Posterior
     point: np.ndarray
     cost: float
     chi_square: float
@@ -32,8 +32,8 @@ class Fit:
         key, target = self.hypothesis.effect.key, self.hypothesis.target
         started = next(t for t in self.problem.twin.terms.effects if (t.effect, t.target) == (key, target))
         found = self.hypothesis.effect.complete(started.values)
-        for index, knob in self.own_knobs:
-            found[knob.name.rpartition(".")[2]] = knob.value(self.point[index])
+        for index, variable in self.own_variables:
+            found[variable.parameter] = variable.value(self.point[index])
         return found
 
     @property
@@ -42,27 +42,32 @@ class Fit:
         return self.problem.strains(self.point)
 
     @property
-    def own_knobs(self) -> list[tuple[int, Knob]]:
-        """The effect's knobs with their place in the point."""
-        name = self.hypothesis.name if self.hypothesis else None
-        return [(i, k) for i, k in enumerate(self.problem.knobs) if k.name.rpartition(".")[0] == name]
+    def own_variables(self) -> list[tuple[int, EffectVariable]]:
+        """The effect's variables with their place in the point."""
+        every = enumerate(self.problem.variables)
+        return [(i, v) for i, v in every if isinstance(v, EffectVariable) and self._is_own(v)]
+
+    def _is_own(self, variable: EffectVariable) -> bool:
+        own = self.hypothesis
+        return own is not None and (variable.effect, variable.target) == (own.effect.key, own.target)
 
     @property
     def nuisances(self) -> dict[str, float]:
         """Unit coordinates of the nuisances by name."""
-        return {k.name: float(u) for k, u in zip(self.problem.knobs, self.point, strict=True) if k.prior is not None}
+        return {
+            v.name: float(u) for v, u in zip(self.problem.variables, self.point, strict=True) if v.prior is not None
+        }
 
-    def uncertain_values(self) -> list[Knob]:
+    def uncertain_values(self) -> list[EffectVariable]:
         """The effect's parameters as nuisances: a value that was found while something else was missing is off."""
         assert self.hypothesis is not None
         neutral, out = self.hypothesis.effect.neutral(), []
-        for index, knob in self.own_knobs:
-            value = knob.value(self.point[index])
-            mean = knob.low + self.point[index] * (knob.high - knob.low)
-            away = 1.0 if knob.log else abs(value - neutral[knob.name.rpartition(".")[2]])
-            sigma = max(_SHARE * away, _LEAST_SHARE * (knob.high - knob.low))
-            own = tuple(write for write in knob.writes if write[0] == "effect")
-            out.append(replace(knob, start=value, mode="set", writes=own, prior=Prior(float(mean), sigma)))
+        for index, variable in self.own_variables:
+            value = variable.value(self.point[index])
+            mean = variable.low + self.point[index] * (variable.high - variable.low)
+            away = 1.0 if variable.log else abs(value - neutral[variable.parameter])
+            sigma = max(_SHARE * away, _LEAST_SHARE * (variable.high - variable.low))
+            out.append(replace(variable, start=value, along=(), prior=Prior(float(mean), sigma)))
         return out
 
 
@@ -70,7 +75,7 @@ _SHARE = 0.5  # of an effect's strength: its sigma beside what is still to be fo
 _LEAST_SHARE = 0.01  # of its box
 
 
-def as_fit(hypothesis: Hypothesis | None, problem: WhitenedProblem, found: Descent) -> Fit:
+def as_fit(hypothesis: Hypothesis | None, problem: Posterior, found: Descent) -> Fit:
     """A descent's end as a fit."""
     cost = float(found.rows @ found.rows)
     priors = problem.prior_residuals(found.point[None])[0]
@@ -93,7 +98,7 @@ class Rough:
     """A candidate's point and cost on the motion that is screened, and its problem over all motion."""
 
     start: Start
-    problem: WhitenedProblem
+    problem: Posterior
     point: np.ndarray
     cost: float
 
@@ -102,6 +107,6 @@ class Rough:
         return self.start.hypothesis
 
 
-def own_columns(problem: WhitenedProblem) -> list[int]:
-    """Where the knobs of effects are: those without a prior."""
-    return [i for i, knob in enumerate(problem.knobs) if knob.prior is None]
+def own_columns(problem: Posterior) -> list[int]:
+    """Where the variables of effects are: those without a prior."""
+    return [i for i, variable in enumerate(problem.variables) if variable.prior is None]

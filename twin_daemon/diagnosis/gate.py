@@ -9,7 +9,7 @@ import numpy as np
 
 from twin_daemon.diagnosis.fit import Fit
 from twin_daemon.diagnosis.partfit import PartFit
-from twin_daemon.diagnosis.whitened import block_gain
+from twin_daemon.estimation.uncertainty import block_gain
 from twin_daemon.simulation.alignment import Aligned
 
 ADEQUATE = 3.0
@@ -108,9 +108,9 @@ class Gate:
 
 
 def _without_stand_in(part: PartFit, owned: set[str]) -> Fit:
-    knobs = part.base.problem.knobs
+    variables = part.base.problem.variables
     start = part.base.problem.start
-    point = [start[i] if knob.name in owned else part.base.point[i] for i, knob in enumerate(knobs)]
+    point = [start[i] if variable.name in owned else part.base.point[i] for i, variable in enumerate(variables)]
     return replace(part.base, point=np.array(point))
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from twin_daemon.comparison.compare import compare_recording, mean_over_moving, pooled
 from twin_daemon.diagnosis.verdict import VerdictName
-from twin_daemon.fitting.calibrate import FittedParameter
+from twin_daemon.estimation.uncertainty import Estimate
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
 
@@ -53,7 +53,7 @@ class Ladder:
     refused: list[str] = field(default_factory=list)
     parameters_alone: tuple[float | None, float | None] = (None, None)
     interrupted: bool = False
-    parameters: dict[str, FittedParameter] = field(default_factory=dict)
+    parameters: dict[str, Estimate] = field(default_factory=dict)
 
     @property
     def added(self) -> int:

@@ -9,11 +9,11 @@ from functools import cached_property
 import numpy as np
 
 from twin_daemon.diagnosis.candidates import Hypothesis
-from twin_daemon.diagnosis.descent import Derivative, Descent, descend, searched
 from twin_daemon.diagnosis.fit import Fit, Rough, as_fit, own_columns
-from twin_daemon.diagnosis.nuisances import beside, nuisance_knobs
-from twin_daemon.diagnosis.whitened import WhitenedProblem, floor_and_corrections
-from twin_daemon.fitting.knobs import Knob
+from twin_daemon.estimation.nuisances import beside, nuisance_variables
+from twin_daemon.estimation.posterior import Posterior, floor_and_corrections
+from twin_daemon.estimation.solvers.trust_region import Derivative, Descent, descend, searched
+from twin_daemon.estimation.variables import EffectVariable, OnsetVariable
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
 
@@ -56,12 +56,12 @@ class PartFit:
         self.joints = tuple(joints)
         self._own_columns = [twin.joints.index(joint) for joint in joints]
         values = [value for fit in found for value in fit.uncertain_values()]
-        self.knobs = (*nuisance_knobs(twin, recordings, joints), *values)
+        self.variables = (*nuisance_variables(twin, recordings, joints), *values)
         if after is None:
-            self.floor, self.corrections = floor_and_corrections(twin, recordings, self.knobs, joints)
+            self.floor, self.corrections = floor_and_corrections(twin, recordings, self.variables, joints)
         else:
             self.floor, self.corrections = after.problem.floor, after.problem.corrections
-        self.problem = WhitenedProblem(twin, recordings, self.knobs, joints, self.floor, corrections=self.corrections)
+        self.problem = Posterior(twin, recordings, self.variables, joints, self.floor, corrections=self.corrections)
         self._enough = None if thoroughly else self._is_quiet
         self.coarse = twin.at_step(2.0 * float(twin.model.opt.timestep))
         self.base = self._fit_nuisances(after)
@@ -93,16 +93,16 @@ class PartFit:
 
     def _taken_over(self, fit: Fit) -> np.ndarray | None:
         """A fit's derivative by the nuisances; None where it did not have them all."""
-        columns = {k.name: i for i, k in enumerate(fit.problem.knobs)}
-        if not all(k.name in columns for k in self.knobs):
+        columns = {v.name: i for i, v in enumerate(fit.problem.variables)}
+        if not all(v.name in columns for v in self.variables):
             return None
         data = self.blocks()[-1][1]
-        slopes = fit.slopes[:data, [columns[k.name] for k in self.knobs]]
+        slopes = fit.slopes[:data, [columns[v.name] for v in self.variables]]
         return np.concatenate([slopes, self.problem.prior_slopes()])
 
     def _is_quiet(self, point: np.ndarray, rows: np.ndarray) -> bool:
         """Whether nuisances that are nowhere near their limits leave no more than the floor."""
-        priors = rows[len(rows) - len(self.knobs) :]
+        priors = rows[len(rows) - len(self.variables) :]
         data = float((rows**2).sum() - (priors**2).sum()) / self.problem.effective_samples
         return data <= 0.8 * QUIET_CHI_SQUARE and float(np.abs(priors).max(initial=0.0)) < 3.0
 
@@ -137,7 +137,7 @@ class PartFit:
         found = {joint for joint, is_loud in zip(self.joints, loud, strict=True) if is_loud}
         quiet = self.base.chi_square <= QUIET_CHI_SQUARE or not found
         least, strains = SUSPECT_SIGMA if quiet else FORBIDDEN_SIGMA, self.base.strains
-        found |= {joint for k in self.knobs if abs(strains[k.name]) > least for joint in k.joints}
+        found |= {joint for v in self.variables if abs(strains[v.name]) > least for joint in v.joints}
         for group in self.groups:
             found |= group if group & found else set()
         return (found & set(self.joints)) or set(self.joints)
@@ -148,28 +148,28 @@ class PartFit:
         ends = np.cumsum(sizes)
         return [(int(end - size), int(end)) for size, end in zip(sizes, ends, strict=True)]
 
-    def _along(self, hypothesis: Hypothesis, knob: Knob, spoken: set[str]) -> Knob:
-        """A candidate's knob that takes along what the nuisance did that it speaks for, such as a servo's gain.
+    def _along(self, hypothesis: Hypothesis, variable: EffectVariable, spoken: set[str]) -> EffectVariable:
+        """A candidate's variable that takes along what the nuisance did that it speaks for, such as a servo's gain.
 
         But for what another candidate speaks for (`spoken`).
         """
         own = hypothesis.speaks_for(self.twin)
-        writes = [write for k in self.knobs if k.name in own for write in k.writes[1:] if write[-1] not in spoken]
-        return replace(knob, writes=(*knob.writes, *writes), mode="scale") if writes else knob
+        along = [name for v in self.variables if v.name in own for name in v.factors[1:] if name not in spoken]
+        return replace(variable, along=tuple(along))
 
-    def problem_with(self, *effects: tuple[Hypothesis, dict[str, float]]) -> WhitenedProblem:
+    def problem_with(self, *effects: tuple[Hypothesis, dict[str, float]]) -> Posterior:
         """The problem with more effects, their parameters and all nuisances but the ones that they speak for."""
         spoken = {name for hypothesis, _ in effects for name in hypothesis.speaks_for(self.twin)}
         offsets = {joint for hypothesis, _ in effects for joint in hypothesis.holds_offset()}
         terms, own = self.twin.terms, []
         for hypothesis, values in effects:
             terms = terms.with_effect(hypothesis.term(values))
-            first, *others = hypothesis.knobs(values)
+            first, *others = hypothesis.variables(values)
             own += [self._along(hypothesis, first, spoken), *others]
-        return WhitenedProblem(
+        return Posterior(
             self.twin.changed(terms),
             self.recordings,
-            (*own, *beside(self.knobs, spoken)),
+            (*own, *beside(self.variables, spoken)),
             self.joints,
             self.floor,
             offset_held=sorted(offsets),
@@ -200,8 +200,8 @@ class PartFit:
         return [as_fit(hypothesis, problem, found) for hypothesis, _ in pairs]
 
     def _finely(
-        self, hypothesis: Hypothesis, problem: WhitenedProblem, point: np.ndarray, evaluations: int
-    ) -> tuple[WhitenedProblem, Descent]:
+        self, hypothesis: Hypothesis, problem: Posterior, point: np.ndarray, evaluations: int
+    ) -> tuple[Posterior, Descent]:
         fit = self._descended(hypothesis, problem, point, evaluations)
         for put_back in (_ends, _strained):
             point = put_back(fit)
@@ -212,7 +212,7 @@ class PartFit:
         reached = Descent(fit.point, rows, fit.slopes, fit.cost)
         return fit.problem, searched(fit.problem, reached, own_columns(fit.problem))
 
-    def _descended(self, hypothesis: Hypothesis, problem: WhitenedProblem, point: np.ndarray, evaluations: int) -> Fit:
+    def _descended(self, hypothesis: Hypothesis, problem: Posterior, point: np.ndarray, evaluations: int) -> Fit:
         for _ in range(2):
             problem = problem.corrected(problem.step_errors(point))
             found = descend(problem, point, Derivative(problem, own_columns(problem)), evaluations=evaluations)
@@ -231,29 +231,29 @@ class PartFit:
 
     def evidence(self, fit: Fit) -> float:
         """Gain over the nuisances alone in nats, after the Bayesian information criterion's price of parameters."""
-        own = sum(k.prior is None for k in fit.problem.knobs)
+        own = sum(v.prior is None for v in fit.problem.variables)
         price = own * np.log(max(self.problem.effective_samples, 2.0))
         return 0.5 * (self.base.cost - fit.cost - price)
 
     def held_out(self, fit: Fit, recordings: Sequence[Aligned]) -> list[np.ndarray]:
         """Residuals (n, k) rad of a fit on held-out recordings, with its nuisances as fitted, at a fine step."""
-        knobs = tuple(k for k in fit.problem.knobs if not k.name.startswith("delay."))
-        values = fit.problem.values(fit.point)
-        shifts = [v for k, v in zip(fit.problem.knobs, values, strict=True) if k.name.startswith("delay.")]
+        variables = tuple(v for v in fit.problem.variables if not isinstance(v, OnsetVariable))
+        values = zip(fit.problem.variables, fit.problem.values(fit.point), strict=True)
+        shifts = [value for variable, value in values if isinstance(variable, OnsetVariable)]
         shift = float(np.mean(shifts)) if shifts else 0.0
         moved = [r.with_onset(r.onset_s + shift) for r in recordings]
         fine = fit.problem.twin.at_step(0.25 * float(fit.problem.twin.model.opt.timestep))
-        problem = WhitenedProblem(fine, moved, knobs, self.joints, self.floor)
-        known = {k.name: u for k, u in zip(fit.problem.knobs, fit.point, strict=True)}
-        point = np.array([known[k.name] for k in knobs])
+        problem = Posterior(fine, moved, variables, self.joints, self.floor)
+        known = {v.name: u for v, u in zip(fit.problem.variables, fit.point, strict=True)}
+        point = np.array([known[v.name] for v in variables])
         return [rows[0] for rows in problem.joint_residuals(point[None])]
 
 
 def _ends(fit: Fit) -> np.ndarray:
     """(p,) the fit's point with those of its effect's parameters that began at an end of their range back there."""
     point = fit.point.copy()
-    for index, knob in fit.own_knobs:
-        begun = knob.coordinate(knob.start)
+    for index, variable in fit.own_variables:
+        begun = variable.coordinate(variable.start)
         if begun in (0.0, 1.0):
             point[index] = begun
     return point
@@ -262,5 +262,7 @@ def _ends(fit: Fit) -> np.ndarray:
 def _strained(fit: Fit) -> np.ndarray:
     """(p,) the fit's point with the nuisances that are far from their priors back where they start."""
     strains = fit.strains
-    far = [knob.prior is not None and abs(strains[knob.name]) > SUSPECT_SIGMA for knob in fit.problem.knobs]
+    far = [
+        variable.prior is not None and abs(strains[variable.name]) > SUSPECT_SIGMA for variable in fit.problem.variables
+    ]
     return np.where(far, fit.problem.start, fit.point)

@@ -8,16 +8,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin_daemon.diagnosis.candidates import Hypothesis, informed
-from twin_daemon.diagnosis.descent import Derivative, descend
 from twin_daemon.diagnosis.fit import Fit, as_fit, own_columns
-from twin_daemon.diagnosis.intervals import knob_interval, unit_sigmas
-from twin_daemon.diagnosis.nuisances import beside, nuisance_knobs
-from twin_daemon.diagnosis.whitened import WhitenedProblem, floor_and_corrections
+from twin_daemon.diagnosis.intervals import own_estimates
 from twin_daemon.effects.base import Effect
 from twin_daemon.errors import BadInput
-from twin_daemon.fitting.clear_parts import Reduction
-from twin_daemon.fitting.segments import segments
-from twin_daemon.simulation.alignment import Aligned
+from twin_daemon.estimation.nuisances import beside, nuisance_variables
+from twin_daemon.estimation.partition import Reduction
+from twin_daemon.estimation.posterior import Posterior, floor_and_corrections
+from twin_daemon.estimation.solvers.trust_region import Derivative, descend
+from twin_daemon.estimation.uncertainty import Estimate
+from twin_daemon.estimation.windows import segments
+from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.submodel import parts
 from twin_daemon.simulation.terms import EffectTerm
 from twin_daemon.simulation.twin import TwinModel
@@ -29,16 +30,6 @@ _STARTS = 2  # descents, from the best of the effect's own starts
 
 
 @dataclass(frozen=True)
-class RefittedValue:
-    """One fitted parameter with its 95 % interval, in `unit`."""
-
-    value: float
-    unit: str
-    ci95: tuple[float, float]
-    at_bound: bool
-
-
-@dataclass(frozen=True)
 class Refit:
     """The effect's terms with fitted values, and these by "key:target.parameter".
 
@@ -46,7 +37,7 @@ class Refit:
     """
 
     terms: tuple[EffectTerm, ...]
-    values: dict[str, RefittedValue]
+    values: dict[str, Estimate]
     parameters: dict[str, float]
     notes: list[str]
 
@@ -67,10 +58,10 @@ def refit_effect(
     Damping, friction, armature, gain and delay move along under their priors, so that a friction that is 10 % off
     does not bend the effect's values. Raises BadInput where nothing concerned moves.
     """
-    moving = {n for i, n in enumerate(twin.joints) if any(r.moving[i] for r in recordings)}
+    moving = set(moving_joints(recordings))
     reduction = Reduction(twin, recordings, ())
     terms: list[EffectTerm] = []
-    values: dict[str, RefittedValue] = {}
+    values: dict[str, Estimate] = {}
     parameters: dict[str, float] = {}
     notes: list[str] = []
     for members, own in _groups(twin, targets):
@@ -97,7 +88,7 @@ def refit_effect(
 
 def refit_parameters(twin: TwinModel, recordings: Sequence[Aligned]) -> dict[str, float]:
     """What the model's own parameters come to under their priors, without any new effect: absolute, by name."""
-    moving = {n for i, n in enumerate(twin.joints) if any(r.moving[i] for r in recordings)}
+    moving = set(moving_joints(recordings))
     reduction = Reduction(twin, recordings, ())
     parameters: dict[str, float] = {}
     for part in parts(twin):
@@ -148,23 +139,23 @@ def _fit(
     """
     floor, corrections = floor_and_corrections(small, pieces, (), joints)
     if guess:
-        without = WhitenedProblem(small, pieces, (), joints, floor, corrections=corrections)
+        without = Posterior(small, pieces, (), joints, floor, corrections=corrections)
         gaps = [gap[0] for gap in without.joint_residuals(np.zeros((1, 0)))]
         hypotheses = [informed(h, small, pieces, joints, gaps) for h in hypotheses]
     spoken = {name for h in hypotheses for name in h.speaks_for(small)}
-    nuisances = beside(nuisance_knobs(small, pieces, joints), spoken)
+    nuisances = beside(nuisance_variables(small, pieces, joints), spoken)
     offsets = {joint for h in hypotheses for joint in h.holds_offset()}
     trials = []
     for number in range(max((len(h.starts) for h in hypotheses), default=1)):
-        terms, knobs = small.terms, []
+        terms, variables = small.terms, []
         for h in hypotheses:
             start = {**h.starts[min(number, len(h.starts) - 1)], **given}
             terms = terms.with_effect(h.term(start))
-            knobs += [k for k in h.knobs(start) if k.name.rpartition(".")[2] not in given]
-        problem = WhitenedProblem(
+            variables += [v for v in h.variables(start) if v.parameter not in given]
+        problem = Posterior(
             small.changed(terms),
             pieces,
-            (*knobs, *nuisances),
+            (*variables, *nuisances),
             joints,
             floor,
             offset_held=offsets,
@@ -177,7 +168,7 @@ def _fit(
     return min((_descended(problem) for _, _, problem in trials[:_STARTS]), key=lambda fit: fit.cost)
 
 
-def _descended(problem: WhitenedProblem) -> Fit:
+def _descended(problem: Posterior) -> Fit:
     """Down in rounds with new derivatives each, as long as they gain, the time step's error taken out at the end."""
     own = own_columns(problem)
     point = problem.start
@@ -197,13 +188,8 @@ def _hypothesis(
     return Hypothesis(effect, target, tuple(effect.complete(s) for s in starts))
 
 
-def _read(fit: Fit, hypothesis: Hypothesis) -> tuple[EffectTerm, dict[str, RefittedValue]]:
-    """The fitted term of one target, and its values with their intervals."""
+def _read(fit: Fit, hypothesis: Hypothesis) -> tuple[EffectTerm, dict[str, Estimate]]:
+    """The fitted term of one target, and its values with their intervals by "key:target.parameter"."""
     seen = replace(fit, hypothesis=hypothesis)
-    values, widths = seen.values, unit_sigmas(fit)
-    found = {}
-    for index, knob in seen.own_knobs:
-        value = values[knob.name.rpartition(".")[2]]
-        interval = knob_interval(fit, knob, widths[index])
-        found[knob.name] = RefittedValue(value, knob.unit, interval, knob.at_bound(value))
-    return hypothesis.term(values), found
+    found = own_estimates(seen, seen_by=fit)
+    return hypothesis.term(seen.values), {f"{hypothesis.name}.{name}": one for name, one in found.items()}

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
 from twin_daemon.diagnosis.candidates import Hypothesis, informed
-from twin_daemon.diagnosis.descent import Derivative, descend, differenced, one_step
 from twin_daemon.diagnosis.fit import Rough, Start, own_columns
-from twin_daemon.diagnosis.nuisances import factors
 from twin_daemon.diagnosis.partfit import PartFit
-from twin_daemon.diagnosis.whitened import WhitenedProblem
 from twin_daemon.errors import BadInput
-from twin_daemon.fitting.knobs import Knob
+from twin_daemon.estimation.nuisances import factors
+from twin_daemon.estimation.posterior import Posterior
+from twin_daemon.estimation.solvers.trust_region import Derivative, descend, differenced, one_step
+from twin_daemon.estimation.variables import OnsetVariable, Variable
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
 
@@ -84,11 +83,11 @@ class Screening:
         nominal = problem.start
         for group in part.groups:
             if group & part.suspects:
-                own = [not k.joints or set(k.joints) <= group for k in part.knobs]
+                own = [not v.joints or set(v.joints) <= group for v in part.variables]
                 point = np.where(own, nominal, part.base.point)
                 at = problem.residuals(point[None])[0]
                 self._anchors[group] = _Anchor(point, at, differenced(problem, point, at, range(len(point))))
-        coarse = self._screening_problem(part.coarse, part.knobs, ())
+        coarse = self._screening_problem(part.coarse, part.variables, ())
         for anchor in self._anchors.values():
             anchor.coarse = coarse.residuals(anchor.point[None])[0]
 
@@ -118,22 +117,22 @@ class Screening:
         found: list[Start] = []
         hypothesis = informed(hypothesis, self._part.twin, self._part.recordings, self._part.joints, self._gaps)
         spoken = hypothesis.speaks_for(self._part.twin)
-        dropped = tuple(i for i, knob in enumerate(self._part.knobs) if knob.name in spoken)
+        dropped = tuple(i for i, variable in enumerate(self._part.variables) if variable.name in spoken)
         own = self._part.group_of(hypothesis.target)
         groups = [group for group in (None, own) if group in self._anchors and not (dropped and group is None)]
         for values in hypothesis.starts:
             with contextlib.suppress(BadInput):
                 changed = self._part.coarse.changed(self._part.coarse.terms.with_effect(hypothesis.term(values)))
-                problem = self._screening_problem(changed, self._part.knobs, sorted(hypothesis.holds_offset()))
+                problem = self._screening_problem(changed, self._part.variables, sorted(hypothesis.holds_offset()))
                 for group in groups:
                     anchor = self._anchors[group]
                     change = problem.residuals(anchor.point[None])[0] - anchor.coarse
                     cost, amount = anchor.left(anchor.basis(dropped), change)
                     if np.isfinite(cost):
                         found.append(Start(hypothesis, hypothesis.along(values, amount), group, cost))
-        turned = {k.name: k.value(u) for k, u in zip(self._part.knobs, self._part.base.point, strict=True)}
-        scales = factors(self._part.knobs, turned)
-        pull = sum(self._part.base.strains[self._part.knobs[i].name] ** 2 for i in dropped)
+        turned = {v.name: v.value(u) for v, u in zip(self._part.variables, self._part.base.point, strict=True)}
+        scales = factors(self._part.variables, turned)
+        pull = sum(self._part.base.strains[self._part.variables[i].name] ** 2 for i in dropped)
         for values in hypothesis.freed(self._part.twin, scales):
             found.append(Start(hypothesis, values, None, self.cost - pull))
         for joint in hypothesis.holds_offset():
@@ -153,11 +152,13 @@ class Screening:
         known = [np.isfinite(r.measured[:, self._part.twin.joints.index(joint)]) for r in self._part.recordings]
         return float(np.concatenate([g[k, column] for g, k in zip(self._gaps, known, strict=True)]).mean())
 
-    def _screening_problem(self, twin: TwinModel, knobs: Sequence[Knob], offset_held: Sequence[str]) -> WhitenedProblem:
-        return WhitenedProblem(
+    def _screening_problem(
+        self, twin: TwinModel, variables: Sequence[Variable], offset_held: Sequence[str]
+    ) -> Posterior:
+        return Posterior(
             twin,
             self._screened,
-            _over(knobs, self._part.recordings, self._screened),
+            _over(variables, self._part.recordings, self._screened),
             self._part.joints,
             self._part.floor,
             offset_held=offset_held,
@@ -177,10 +178,10 @@ class Screening:
         whole = self._part.problem_with((start.hypothesis, start.values))
         problem = self._screened_of(whole)
         anchor = self._anchors[start.anchor]
-        point = problem.start_from({k.name: u for k, u in zip(self._part.knobs, anchor.point, strict=True)})
+        point = problem.start_from({v.name: u for v, u in zip(self._part.variables, anchor.point, strict=True)})
         rows = problem.residuals(point[None])[0]
         slopes = self._slopes(problem, anchor)
-        free = [i for i, knob in enumerate(problem.knobs) if knob.prior is not None]
+        free = [i for i, variable in enumerate(problem.variables) if variable.prior is not None]
         moved = one_step(problem, point, rows, slopes, free)
         moved_rows = problem.residuals(moved[None])[0]
         if moved_rows @ moved_rows < rows @ rows:
@@ -202,38 +203,32 @@ class Screening:
         rows = problem.corrected(problem.step_errors(found.point)).residuals(found.point[None])[0]
         return Rough(entered.start, entered.problem, found.point, float(rows @ rows))
 
-    def _screened_of(self, whole: WhitenedProblem) -> WhitenedProblem:
-        knobs = _over(whole.knobs, self._part.recordings, self._screened)
-        return whole.over(self._screened, knobs, self._screened_corrections)
+    def _screened_of(self, whole: Posterior) -> Posterior:
+        variables = _over(whole.variables, self._part.recordings, self._screened)
+        return whole.over(self._screened, variables, self._screened_corrections)
 
-    def _slopes(self, problem: WhitenedProblem, anchor: _Anchor) -> np.ndarray:
-        """The anchor's derivative, in the order of the rows and knobs of a candidate's problem."""
+    def _slopes(self, problem: Posterior, anchor: _Anchor) -> np.ndarray:
+        """The anchor's derivative, in the order of the rows and variables of a candidate's problem."""
         priors = problem.prior_slopes()
-        data = len(anchor.columns) - len(self._part.knobs)
-        slopes = np.zeros((data + len(priors), len(problem.knobs)))
-        columns = {k.name: i for i, k in enumerate(self._part.knobs)}
-        whole = {k.name: k for k in self._part.knobs}
-        for index, knob in enumerate(problem.knobs):
-            if knob.prior is not None:
-                slopes[:data, index] = anchor.columns[:data, columns[knob.name]]
-                # what it no longer turns beside this candidate no longer moves with it
-                for kind, *where in whole[knob.name].writes[1:]:
-                    if kind == "parameter" and (kind, *where) not in knob.writes and where[0] in columns:
-                        slopes[:data, index] -= anchor.columns[:data, columns[where[0]]]
+        data = len(anchor.columns) - len(self._part.variables)
+        slopes = np.zeros((data + len(priors), len(problem.variables)))
+        columns = {v.name: i for i, v in enumerate(self._part.variables)}
+        whole = {v.name: v for v in self._part.variables}
+        for index, variable in enumerate(problem.variables):
+            if variable.prior is not None:
+                slopes[:data, index] = anchor.columns[:data, columns[variable.name]]
+                # what it no longer multiplies beside this candidate no longer moves with it
+                for name in whole[variable.name].factors[1:]:
+                    if name not in variable.factors and name in columns:
+                        slopes[:data, index] -= anchor.columns[:data, columns[name]]
         slopes[data:] = priors
         return slopes
 
 
-def _over(knobs: Sequence[Knob], recordings: Sequence[Aligned], some: Sequence[Aligned]) -> tuple[Knob, ...]:
-    """The same knobs, with the onsets that they write counted over some of the recordings."""
-    place = {id(r): str(i) for i, r in enumerate(some)}
-    numbered = {str(i): place.get(id(r)) for i, r in enumerate(recordings)}
-    out = []
-    for knob in knobs:
-        writes = tuple(
-            (kind, numbered[where[0]] or "") if kind == "onset" else (kind, *where)
-            for kind, *where in knob.writes
-            if kind != "onset" or numbered[where[0]] is not None
-        )
-        out.append(replace(knob, writes=writes))
-    return tuple(out)
+def _over(
+    variables: Sequence[Variable], recordings: Sequence[Aligned], some: Sequence[Aligned]
+) -> tuple[Variable, ...]:
+    """The same variables, with the recordings whose onsets they move counted over some of all."""
+    left = {id(r): index for index, r in enumerate(some)}
+    place = {index: left[id(r)] for index, r in enumerate(recordings) if id(r) in left}
+    return tuple(v.over(place) if isinstance(v, OnsetVariable) else v for v in variables)

@@ -9,8 +9,8 @@ import numpy as np
 from twin_daemon.diagnosis.candidates import Hypothesis, hypotheses
 from twin_daemon.diagnosis.fit import own_columns
 from twin_daemon.diagnosis.partfit import PartFit
-from twin_daemon.diagnosis.whitened import WhitenedProblem
 from twin_daemon.errors import BadInput
+from twin_daemon.estimation.posterior import Posterior
 from twin_daemon.executor import concurrently
 
 DECISIVE_NATS = 5.0
@@ -52,8 +52,8 @@ def _coarsely(part: PartFit, hypothesis: Hypothesis | None, values: dict[str, fl
     if hypothesis is not None:
         twin = twin.changed(twin.terms.with_effect(hypothesis.term(values)))
         held = sorted(hypothesis.holds_offset())
-    problem = WhitenedProblem(
-        twin, part.recordings, part.knobs, part.joints, part.floor, offset_held=held, corrections=part.corrections
+    problem = Posterior(
+        twin, part.recordings, part.variables, part.joints, part.floor, offset_held=held, corrections=part.corrections
     )
     return problem.residuals(part.base.point[None])[0]
 

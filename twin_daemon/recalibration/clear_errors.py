@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from twin_daemon.comparison.compare import compare_recording
-from twin_daemon.fitting.clear_parts import Reduced, Reduction
-from twin_daemon.fitting.problem import Problem
-from twin_daemon.fitting.reduce import touching
-from twin_daemon.simulation.alignment import Aligned
+from twin_daemon.estimation.partition import Reduced, Reduction
+from twin_daemon.estimation.problem import Problem
+from twin_daemon.estimation.subproblems import touching
+from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.submodel import parts
 from twin_daemon.simulation.twin import TwinModel
 
@@ -39,8 +39,9 @@ def _of(twins: Sequence[TwinModel], recording: Aligned) -> list[np.ndarray]:
 def _predicted_apart(reduction: Reduction, twin: TwinModel, recording: Aligned) -> np.ndarray:
     """(n, j) rad: each moving part on its own, NaN where it touches something."""
     found = np.full(recording.measured.shape, np.nan)
+    moving = moving_joints([recording])
     for part in parts(twin):
-        own = [n for n in part.joints if recording.moving[twin.joints.index(n)]]
+        own = [name for name in part.joints if name in moving]
         reduced = reduction.of(twin, part, own, least_s=_LEAST_S) if own else None
         if reduced is not None:
             found[:, [twin.joints.index(name) for name in own]] = _predicted(reduced, recording)

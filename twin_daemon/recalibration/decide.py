@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin_daemon.comparison.noise import noise_variance
-from twin_daemon.diagnosis.whitened import block_gain
-from twin_daemon.fitting.calibrate import FittedParameter
+from twin_daemon.estimation.uncertainty import Estimate, block_gain
 from twin_daemon.recalibration.clear_errors import clear_residuals
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
@@ -39,7 +38,7 @@ def decide(
     before: TwinModel,
     after: TwinModel,
     held: Sequence[Aligned],
-    parameters: Mapping[str, FittedParameter],
+    parameters: Mapping[str, Estimate],
     started: Mapping[str, float],
     seed: int = 0,
 ) -> Decision:
@@ -56,11 +55,7 @@ def decide(
         was, now = old[known, column], new[known, column]
         if now.mean() > was.mean() + _NOISES * noise[column] and block_gain(was, now, block, seed)[1] < 0.0:
             worse.append(name)
-    bound = [
-        name
-        for name, p in parameters.items()
-        if p.at_bound and abs(p.value - started.get(name, np.nan)) > _MOVED * (p.upper - p.lower)
-    ]
+    bound = [name for name, p in parameters.items() if p.at_bound and _moved(p, started.get(name, np.nan))]
     against = []
     if low <= 0.0:
         against.append(f"the gain on held-out motion may be none: {low:.0%} to {high:.0%}")
@@ -79,6 +74,12 @@ def decide(
     )
 
 
+def _moved(one: Estimate, started: float) -> bool:
+    """Whether a value has come from elsewhere in its range."""
+    width = np.inf if one.upper is None or one.lower is None else one.upper - one.lower
+    return abs(one.value - started) > _MOVED * width
+
+
 def _squared(
     before: TwinModel, after: TwinModel, held: Sequence[Aligned]
 ) -> tuple[np.ndarray, np.ndarray, list[str], np.ndarray]:
@@ -88,5 +89,5 @@ def _squared(
     names = [name for name, moves in zip(held[0].joints, moving, strict=True) if moves]
     old, new = (np.concatenate([each[which][:, moving] ** 2 for each in residuals]) for which in range(2))
     seen = np.isfinite(old).any(axis=1)
-    noise = [noise_variance(column) if np.isfinite(column).any() else 0.0 for column in held[0].measured.T]
-    return old[seen], new[seen], names, np.array(noise)[moving]
+    noise = [noise_variance(column) if np.isfinite(column).any() else 0.0 for column in held[0].measured.T[moving]]
+    return old[seen], new[seen], names, np.array(noise)

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from twin_daemon.calibration.calibrate import Calibration, calibrate
+from twin_daemon.calibration.spaces import Space, load_space, variables_of
 from twin_daemon.diagnosis.climb import climb
 from twin_daemon.diagnosis.ladder import Ladder
+from twin_daemon.estimation.solvers.tracker import Progress
+from twin_daemon.estimation.uncertainty import Estimate
 from twin_daemon.executor import TimeLimit
-from twin_daemon.fitting.calibrate import Calibration, FittedParameter, calibrate
-from twin_daemon.fitting.spaces import Space, knobs_of, load_space
-from twin_daemon.fitting.tracker import Progress
 from twin_daemon.recalibration.decide import Decision, decide
-from twin_daemon.simulation.alignment import Aligned
+from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.twin import TwinModel
 
 SPACE = "wear"
@@ -30,7 +31,7 @@ class Recalibration:
 
     twin: TwinModel
     decision: Decision
-    parameters: dict[str, FittedParameter]
+    parameters: dict[str, Estimate]
     calibration: Calibration
     ladder: Ladder | None
     appeared: tuple[str, ...]
@@ -58,8 +59,8 @@ def recalibrate(
     """
     limit = TimeLimit(seconds)
     space = _around(load_space(SPACE), joints)
-    moving = tuple(name for i, name in enumerate(twin.joints) if any(r.moving[i] for r in train))
-    started = {knob.name: knob.start for knob in knobs_of(space, twin, moving)}
+    moving = moving_joints(train)
+    started = {variable.name: variable.start for variable in variables_of(space, twin, moving)}
     say("searching around the version in use")
     time_s = None if seconds is None else _SEARCHING * seconds
     fitted = calibrate(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -82,6 +83,14 @@ _ONSET_ROLLOUTS = 4
 _ONSET_SAMPLES = 6000  # that the first look for an onset takes of a long recording
 _ONSET_REACH_S = 0.2
 _ONSET_FOUND_S = 2e-4
+
+
+def moving_joints(recordings: Sequence[Aligned]) -> tuple[str, ...]:
+    """The joints that move in any of the recordings, in their order."""
+    if not recordings:
+        return ()
+    moving = np.any([r.moving for r in recordings], axis=0)
+    return tuple(name for name, moves in zip(recordings[0].joints, moving, strict=True) if moves)
 
 
 def _travel(values: np.ndarray) -> float:

@@ -1,0 +1,70 @@
+"""Fingers that touch each other are fitted by the motion in which they do not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.simulation.made import Motion, recorded
+from twin_daemon.calibration.calibrate import calibrate
+from twin_daemon.calibration.spaces import load_space, variables_of
+from twin_daemon.estimation.subproblems import reduced_problems, touching
+from twin_daemon.estimation.variables import Variable
+from twin_daemon.recalibration.clear_errors import clear_residuals
+from twin_daemon.simulation.alignment import Aligned, align
+from twin_daemon.simulation.terms import Terms
+from twin_daemon.simulation.twin import TwinModel
+
+# Both fingers move on their own, are pushed against each other from 6 to 7 s, and move on.
+_BASE_S = [0, 0.5, 1.2, 2.0, 2.01, 3.0, 4.0, 5.5, 8.0, 8.6, 9.5, 10.5]
+_BASE_RAD = [0.1, 0.1, 1.0, 1.0, 0.5, 0.9, 0.2, 0.1, 0.1, 1.1, 0.3, 0.3]
+_SIDE_S = [0, 5.6, 6.0, 7.0, 7.4, 10.5]
+MOTION: Motion = {
+    "rh_FFJ3": (_BASE_S, _BASE_RAD),
+    "rh_MFJ3": (_BASE_S, _BASE_RAD[::-1]),
+    "rh_FFJ4": (_SIDE_S, [0.0, 0.0, 0.34, 0.34, 0.0, 0.0]),
+    "rh_MFJ4": (_SIDE_S, [0.0, 0.0, -0.34, -0.34, 0.0, 0.0]),
+}
+MOVING = tuple(MOTION)
+
+
+@pytest.fixture(scope="module")
+def worn(twin: TwinModel) -> TwinModel:
+    damping = 4.0 * twin.parameter("rh_FFJ3.damping").read(twin.model)
+    return twin.changed(Terms(parameters={"rh_FFJ3.damping": damping}))
+
+
+@pytest.fixture(scope="module")
+def aligned(twin: TwinModel, worn: TwinModel) -> Aligned:
+    return align(twin, recorded(worn, MOTION, np.random.default_rng(3), seconds=10.5))
+
+
+def _variables(twin: TwinModel) -> list[Variable]:
+    return list(variables_of(load_space("wear"), twin, MOVING))
+
+
+@pytest.mark.parametrize(("clear", "problems"), [(False, 1), (True, 2)])
+def test_each_has_a_problem_of_its_own(twin: TwinModel, aligned: Aligned, clear: bool, problems: int) -> None:
+    assert touching(twin, aligned)
+    found = reduced_problems(twin, [aligned], _variables(twin), MOVING, separable=True, clear=clear)
+    assert len(found) == problems
+    assert sum(sub.weight for sub in found) == pytest.approx(1.0)
+
+
+def test_the_worn_one_is_found_beside_the_contact(twin: TwinModel, worn: TwinModel, aligned: Aligned) -> None:
+    found = calibrate(twin, [aligned], [], load_space("wear"), "bayes-descent", seconds=10.0, clear=True)
+    planted = worn.parameter("rh_FFJ3.damping").read(worn.model)
+    assert found.parameters["rh_FFJ3.damping"].value == pytest.approx(planted, rel=0.06)
+
+
+def test_errors_leave_the_contact_out_and_tell_two_twins_apart(
+    twin: TwinModel, worn: TwinModel, aligned: Aligned
+) -> None:
+    ((nominal, right),) = clear_residuals((twin, worn), [aligned])
+    columns = [aligned.joints.index(name) for name in MOVING]
+    pushed = (aligned.time_s > 6.1) & (aligned.time_s < 6.9)
+    for residual in (nominal, right):
+        assert np.isnan(residual[np.ix_(pushed, columns)]).all()
+    worst = [float(np.nanmax(np.abs(r[:, aligned.joints.index("rh_FFJ3")]))) for r in (nominal, right)]
+    assert worst[0] > 0.05
+    assert worst[1] < 0.005

@@ -1,0 +1,69 @@
+"""A recording is cut where the part stands still, and what touches is left out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.simulation.made import FINGER, recorded
+from twin_daemon.comparison.split import hold_out
+from twin_daemon.estimation.windows import length_s, segments
+from twin_daemon.simulation.alignment import Aligned, align
+from twin_daemon.simulation.contacts import touching_times
+from twin_daemon.simulation.submodel import parts
+from twin_daemon.simulation.twin import TwinModel
+
+JOINTS = ("rh_FFJ1", "rh_FFJ2", "rh_FFJ3")
+
+
+@pytest.fixture(scope="module")
+def aligned(twin: TwinModel) -> Aligned:
+    return align(twin, recorded(twin, FINGER, np.random.default_rng(0)))
+
+
+def test_pieces_cover_the_whole_and_start_from_what_was_measured(aligned: Aligned) -> None:
+    pieces = segments(aligned, JOINTS)
+    assert len(pieces) >= 2
+    assert length_s(pieces) == pytest.approx(float(aligned.time_s[-1]), abs=0.1 * len(pieces))
+    for piece in pieces[1:]:
+        begin = aligned.onset_s - piece.onset_s
+        row = int(np.searchsorted(aligned.time_s, begin))
+        columns = [aligned.joints.index(joint) for joint in JOINTS]
+        np.testing.assert_allclose(piece.start_position[columns], aligned.measured[row, columns], atol=5e-3)
+        assert np.isnan(piece.measured[0, columns]).all()  # not scored where the start was read
+
+
+def test_time_in_contact_is_in_no_piece(aligned: Aligned) -> None:
+    touching = (aligned.time_s > 2.0) & (aligned.time_s < 2.5)
+    for piece in segments(aligned, JOINTS, touching):
+        begin = aligned.onset_s - piece.onset_s
+        times = begin + piece.time_s
+        assert not ((times > 2.0) & (times < 2.5)).any()
+
+
+def test_what_is_held_out_still_says_where_the_hand_was(aligned: Aligned) -> None:
+    whole = {_begin(aligned, piece): piece for piece in segments(aligned, JOINTS)}
+    hidden = [np.isnan(half[0].measured).all(axis=1) for half in hold_out([aligned])]
+    for half, gone in zip(hold_out([aligned]), hidden, strict=True):
+        pieces = segments(half[0], JOINTS)
+        assert pieces
+        for piece in pieces:
+            begin = _begin(aligned, piece)
+            np.testing.assert_array_equal(piece.start_position, whole[begin].start_position)
+            rows = np.searchsorted(aligned.time_s, begin + piece.time_s - 1e-9)
+            assert np.isnan(piece.measured[gone[rows]]).all()
+            assert np.isfinite(piece.measured).any()
+
+
+def _begin(aligned: Aligned, piece: Aligned) -> float:
+    return round(aligned.onset_s - piece.onset_s, 9)
+
+
+def test_fingers_that_are_pushed_together_touch(twin: TwinModel) -> None:
+    pose = np.zeros((2, len(twin.joints)))
+    pose[1, twin.joints.index("rh_FFJ4")] = 0.349
+    pose[1, twin.joints.index("rh_MFJ4")] = -0.349
+    masks = touching_times(twin, parts(twin), pose, 1e-3)
+    assert masks["FF"].tolist() == [False, True]
+    assert masks["MF"].tolist() == [False, True]
+    assert not masks["thumb"].any()

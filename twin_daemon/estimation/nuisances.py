@@ -1,0 +1,98 @@
+"""What is uncertain about any nominal model, and how uncertain: the nuisances of a diagnosis.
+
+Every candidate is fitted together with them, so that a friction which is 10 % off does not become a "missing
+effect"; their priors keep them from standing in for one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+
+from twin_daemon.estimation.thresholds import (
+    DELAY_REACH,
+    DELAY_SIGMA_S,
+    FREE_ONSET_SIGMA_S,
+    NUISANCE_REACH,
+    PARAMETER_SIGMA,
+)
+from twin_daemon.estimation.variables import OnsetVariable, ParameterVariable, Prior, Variable
+from twin_daemon.simulation.alignment import Aligned
+from twin_daemon.simulation.twin import TwinModel
+
+_KINDS = ("damping", "frictionloss", "armature")
+
+# The nuisance that a candidate itself moves is dropped for it: the candidate speaks for it.
+OWN = {
+    "viscous_friction": "damping",
+    "coulomb_friction": "frictionloss",
+    "armature": "armature",
+    "actuator_gain": "kp",
+}
+
+
+def nuisance_variables(twin: TwinModel, recordings: Sequence[Aligned], joints: Sequence[str]) -> tuple[Variable, ...]:
+    """Scale factors of the moving joints' parameters and of their servos' gains, and each recording's delay.
+
+    A servo that is twice as strong before twice the friction and inertia moves the same, but for gravity. So that a
+    search may walk along this valley, a servo's factor scales what it drives as well, and the factors of damping,
+    friction and armature are what they have beyond it. Priors are about the whole factor of each parameter.
+    """
+    driven_by = {f"{actuator}.kp": driven for actuator, driven in zip(twin.actuators, twin.driven, strict=True)}
+    known = {
+        name: joint
+        for kind in _KINDS
+        for joint in joints
+        if twin.parameter(name := f"{joint}.{kind}").read(twin.model) > 0.0
+    }
+    found: list[Variable] = [_factor(name, (name,), joint) for name, joint in known.items()]
+    for servo, driven in driven_by.items():
+        if set(driven) & set(joints) and twin.parameter(servo).read(twin.model) > 0.0:
+            along = [name for name, joint in known.items() if joint in driven]
+            found.append(_factor(servo, (servo, *along), *driven))
+    for number, (_, members) in enumerate(_by_recording(recordings).items()):
+        sigma = FREE_ONSET_SIGMA_S if recordings[members[0]].onset_free else DELAY_SIGMA_S
+        reach = DELAY_REACH * sigma
+        prior = Prior(0.0, sigma)
+        found.append(OnsetVariable(f"delay.{number}", "s", -reach, reach, 0.0, recordings=tuple(members), prior=prior))
+    return tuple(found)
+
+
+def beside(variables: Sequence[Variable], spoken: Collection[str]) -> tuple[Variable, ...]:
+    """The nuisances beside candidates that speak for some of them: without these, and without what they multiply.
+
+    An effect adds to what the model has. If a servo's factor went on scaling that, the effect's value would count from
+    a friction or armature that nobody has stated.
+    """
+    return tuple(v.without(spoken) for v in variables if v.name not in spoken)
+
+
+def factors(variables: Sequence[Variable], values: Mapping[str, float]) -> dict[str, float]:
+    """The whole factor on each nominal parameter, by name: factors on one parameter multiply. `values` by variable."""
+    found: dict[str, float] = {}
+    for variable in variables:
+        for name in variable.factors:
+            found[name] = found.get(name, 1.0) * values[variable.name]
+    return found
+
+
+def _by_recording(pieces: Sequence[Aligned]) -> dict[str, list[int]]:
+    """Indices of the pieces that come from one recording: they share its clock."""
+    out: dict[str, list[int]] = {}
+    for index, piece in enumerate(pieces):
+        out.setdefault(piece.recording.sha256, []).append(index)
+    return out
+
+
+def _factor(name: str, parameters: tuple[str, ...], *joints: str) -> ParameterVariable:
+    return ParameterVariable(
+        name=name,
+        unit="of nominal",
+        lower=1.0 / NUISANCE_REACH,
+        upper=NUISANCE_REACH,
+        start=1.0,
+        log=True,
+        parameters=parameters,
+        factor=True,
+        prior=Prior(0.0, PARAMETER_SIGMA),
+        joints=joints,
+    )

@@ -1,0 +1,90 @@
+"""What one part of a hand is judged by: the smallest model that moves it, and the motion in which it is on its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin_daemon.estimation.thresholds import (
+    CONTACT_EVERY_S,
+    CONTACT_MARGIN_M,
+    LEAST_CLEAR_S,
+    MOST_PART_S,
+)
+from twin_daemon.estimation.windows import length_s, segments, spread
+from twin_daemon.simulation.alignment import Aligned, moving_joints
+from twin_daemon.simulation.contacts import touching_times
+from twin_daemon.simulation.submodel import Part, parts, submodel, with_coupled
+from twin_daemon.simulation.twin import TwinModel
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """One part: its own joints that are judged, its sub-model, and the pieces of both sets of recordings."""
+
+    name: str
+    joints: tuple[str, ...]
+    twin: TwinModel
+    train: tuple[Aligned, ...]
+    holdout: tuple[Aligned, ...]
+
+
+class Reduction:
+    """Cuts recordings to parts. When what touches what is looked up once, whatever terms the twin gets later."""
+
+    def __init__(self, twin: TwinModel, train: Sequence[Aligned], holdout: Sequence[Aligned]) -> None:
+        self._train, self._holdout = train, holdout
+        found = parts(twin)
+        self._touching = [_touching(twin, found, r) for r in (*train, *holdout)]
+        self.moving = moving_joints(train)
+
+    def of(
+        self, twin: TwinModel, part: Part, joints: Sequence[str], *, least_s: float = LEAST_CLEAR_S
+    ) -> Reduced | None:
+        """The part with its moving trunk, over the motion in which it touches nothing; None where that is too short.
+
+        What a contact does hangs on surfaces and shapes that no model of a hand has right, so that it says little
+        about the part.
+        """
+        keep = {*joints, *(set(self.moving) & set(part.trunk))}
+        small = submodel(twin, with_coupled(twin, keep), self._train[0].start_position)
+        pieces = [
+            segments(restricted(r, small), joints, masks.get(part.name))
+            for r, masks in zip((*self._train, *self._holdout), self._touching, strict=True)
+        ]
+        count = len(self._train)
+        train = spread([p for found in pieces[:count] for p in found], MOST_PART_S)
+        holdout = spread([p for found in pieces[count:] for p in found], MOST_PART_S)
+        enough_held = not self._holdout or length_s(holdout) > 0.5 * least_s
+        clear = length_s(train) > least_s and enough_held
+        return Reduced(part.name, tuple(joints), small, tuple(train), tuple(holdout)) if clear else None
+
+
+def restricted(aligned: Aligned, small: TwinModel) -> Aligned:
+    """The same recording with only the joints that a part has, and the commands that reach it."""
+    columns = [aligned.joints.index(name) for name in small.joints]
+    mapping, _ = small.command_map(aligned.signal.names)
+    reaching = np.flatnonzero(mapping.any(axis=0))
+    return replace(
+        aligned,
+        joints=small.joints,
+        signal=aligned.signal.only(reaching) if reaching.size else aligned.signal,
+        measured=aligned.measured[:, columns],
+        unhidden=None if aligned.unhidden is None else aligned.unhidden[:, columns],
+        start_position=aligned.start_position[columns],
+        start_velocity=aligned.start_velocity[columns],
+    )
+
+
+def _poses(twin: TwinModel, recording: Aligned) -> np.ndarray:
+    return twin.measurement.invert(twin.joints, recording.states)
+
+
+def _touching(twin: TwinModel, found: Sequence[Part], recording: Aligned) -> Mapping[str, np.ndarray]:
+    """(n,) bool by part. The trunk is left out: what its branches do to each other does not move it."""
+    stride = max(1, round(CONTACT_EVERY_S / float(np.median(np.diff(recording.time_s)))))
+    masks = touching_times(twin, found, _poses(twin, recording)[::stride], CONTACT_MARGIN_M)
+    count = len(recording.time_s)
+    return {name: np.repeat(mask, stride)[:count] for name, mask in masks.items() if name != "trunk"}

@@ -1,0 +1,201 @@
+"""The error of a twin as a function: unit coordinates of variables in, residuals out, many points at once."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from twin_daemon.effects.base import Measurement
+from twin_daemon.errors import BadInput
+from twin_daemon.estimation.thresholds import (
+    DIVERGED_RAD,
+    PAST_S,
+)
+from twin_daemon.estimation.variables import Settings, Variable
+from twin_daemon.simulation.alignment import Aligned, resample
+from twin_daemon.simulation.parameters import KINDS
+from twin_daemon.simulation.rollout import remembers, roll_out
+from twin_daemon.simulation.terms import EffectTerm, Terms
+from twin_daemon.simulation.twin import TwinModel
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One point of the search as it enters a roll-out."""
+
+    model: mujoco.MjModel
+    measurement: Measurement
+    onsets_s: tuple[float, ...]
+
+
+class Problem:
+    """The error of a twin over recordings, as a function of variables in unit coordinates.
+
+    `objective` are the joints that count. The sum of squares of `residuals` is the mean over these joints of
+    the mean squared error (rad^2) plus the priors' share: a prior missed by one sigma costs `prior_weight`^2.
+    """
+
+    def __init__(
+        self,
+        twin: TwinModel,
+        recordings: Sequence[Aligned],
+        variables: Sequence[Variable],
+        objective: Sequence[str],
+        *,
+        threads: int | None = None,
+        prior_weight: float = 0.0,
+    ) -> None:
+        self.twin = twin
+        self.recordings = tuple(recordings)
+        self.variables = tuple(variables)
+        self.objective = tuple(objective)
+        self.threads = threads
+        self.evaluations = 0
+        self._columns = np.array([twin.joints.index(name) for name in objective], int)
+        refs = [twin.parameter(name) for variable in variables for name in variable.parameters_moved]
+        # in the kinds' order: a spring's stiffness is written before its preload
+        self._refs = {ref.name: ref for ref in sorted(refs, key=lambda ref: list(KINDS).index(ref.kind.key))}
+        self._nominal = {name: ref.read(twin.base_model) for name, ref in self._refs.items()}
+        self._constants = any(ref.kind.constants for ref in self._refs.values())
+        self._grids = [np.arange(int(np.ceil(r.time_s[-1] / twin.model.opt.timestep)) + 1) for r in recordings]
+        self._starts = [r.start_state(twin) for r in recordings]
+        weights = [np.isfinite(r.measured[:, self._columns]) for r in recordings]
+        self._known = weights
+        self._per_joint = np.maximum(sum(w.sum(axis=0) for w in weights), 1)
+        self.prior_weight = prior_weight
+
+    # -- points --------------------------------------------------------------------------------------------
+
+    @property
+    def start(self) -> np.ndarray:
+        """(p,) the variables' own start in unit coordinates."""
+        return np.array([variable.coordinate(variable.start) for variable in self.variables])
+
+    def start_from(self, units: Mapping[str, float]) -> np.ndarray:
+        """(p,) unit coordinates: what is already known by variable name, else the variables' own start."""
+        return np.array([units.get(v.name, u) for v, u in zip(self.variables, self.start, strict=True)])
+
+    def values(self, unit: np.ndarray) -> np.ndarray:
+        """Unit coordinates (p,) -> values in the variables' units."""
+        return np.array([variable.value(u) for variable, u in zip(self.variables, unit, strict=True)])
+
+    def candidate(self, unit: np.ndarray) -> Candidate:
+        """Builds the model, measurement model and onsets of one point."""
+        parameters, effects, onsets = self.settings(unit)
+        if effects is not None or self.twin.terms.effects:
+            # effects share parameters out between elements of their own: they are built anew around them
+            terms = Terms(
+                parameters={**self.twin.terms.parameters, **parameters},
+                effects=self.twin.terms.effects if effects is None else effects,
+            )
+            built = self.twin.changed(terms)
+            return Candidate(built.model, built.measurement, onsets)
+        model, measurement = copy.copy(self.twin.model), self.twin.measurement
+        for name, value in parameters.items():
+            self._refs[name].write(model, value)
+        if self._constants:
+            mujoco.mj_setConst(model, mujoco.MjData(model))
+        return Candidate(model, measurement, onsets)
+
+    def settings(self, unit: np.ndarray) -> tuple[dict[str, float], tuple[EffectTerm, ...] | None, tuple[float, ...]]:
+        """(parameters by name, effects or None where no variable moves one, onset of each recording) of a point."""
+        point = Settings(
+            nominal=self._nominal,
+            parameters={},
+            effects={(t.effect, t.target): dict(t.values) for t in self.twin.terms.effects},
+            onsets_s=[r.onset_s for r in self.recordings],
+        )
+        for variable, value in zip(self.variables, self.values(unit), strict=True):
+            variable.write(value, point)
+        terms = tuple(EffectTerm(effect=k, target=t, values=v) for (k, t), v in point.effects.items())
+        order = {name: index for index, name in enumerate(self._refs)}
+        ordered = dict(sorted(point.parameters.items(), key=lambda item: order[item[0]]))
+        return ordered, terms if point.effects_moved else None, tuple(point.onsets_s)
+
+    # -- errors --------------------------------------------------------------------------------------------
+
+    def predict(self, points: np.ndarray) -> list[np.ndarray]:
+        """Predicted readings of the objective's joints, one (B, n, k) array a recording, for points (B, p)."""
+        found = [self._possible(point) for point in points]
+        self.evaluations += len(found)
+        impossible = [candidate is None for candidate in found]
+        candidates = [candidate or self.candidate(self.start) for candidate in found]
+        step_s = float(self.twin.model.opt.timestep)
+        readings = []
+        for index, recording in enumerate(self.recordings):
+            onsets = [c.onsets_s[index] for c in candidates]
+            grid = self._grids[index] * step_s
+            past = -np.arange(round(PAST_S / step_s), 0, -1) * step_s if remembers(candidates[0].model) else grid[:0]
+            whole = np.concatenate([past, grid])
+            distinct = {onset: self._controls(recording, whole, onset) for onset in dict.fromkeys(onsets)}
+            if len(distinct) == 1:
+                controls = next(iter(distinct.values()))[None]
+            else:
+                controls = np.stack([distinct[onset] for onset in onsets])
+            qpos, qvel = self._starts[index]
+            positions = roll_out(
+                [c.model for c in candidates],
+                controls[:, len(past) :],
+                qpos[None],
+                qvel[None],
+                before=controls[:, : len(past)] if len(past) else None,
+                loaded=True,
+                threads=self.threads,
+            )
+            sampled = resample(positions[:, :, self.twin.qpos_adr], step_s, recording.time_s)
+            read = [c.measurement.apply(self.twin.joints, s) for c, s in zip(candidates, sampled, strict=True)]
+            readings.append(np.stack(read)[:, :, self._columns])
+            readings[-1][impossible] = np.nan
+        return readings
+
+    def _possible(self, unit: np.ndarray) -> Candidate | None:
+        """A point's candidate; None where its values cannot stand beside each other, such as a negative armature."""
+        try:
+            return self.candidate(unit)
+        except BadInput:
+            return None
+
+    def _controls(self, recording: Aligned, grid: np.ndarray, onset_s: float) -> np.ndarray:
+        """Controls (T, nu) of a roll-out on a grid of times (T,) s."""
+        return recording.controls(self.twin, grid, onset_s)
+
+    def joint_residuals(self, points: np.ndarray) -> list[np.ndarray]:
+        """Measured minus predicted in rad, (B, n, k) a recording; what was not measured counts as 0."""
+        out = []
+        for recording, known, read in zip(self.recordings, self._known, self.predict(points), strict=True):
+            measured = np.where(known, recording.measured[:, self._columns], 0.0)
+            gap = np.where(known[None], measured[None] - read, 0.0)
+            out.append(np.nan_to_num(gap, nan=DIVERGED_RAD, posinf=DIVERGED_RAD, neginf=-DIVERGED_RAD))
+        return out
+
+    def residuals(self, points: np.ndarray) -> np.ndarray:
+        """(B, m) residuals whose sum of squares is the objective."""
+        scale = 1.0 / np.sqrt(self._per_joint * len(self._columns))
+        rows = [(r * scale).reshape(len(points), -1) for r in self.joint_residuals(points)]
+        prior = self.prior_residuals(points)
+        return np.concatenate([*rows, prior], axis=1)
+
+    def prior_residuals(self, points: np.ndarray) -> np.ndarray:
+        """(B, q) pulls towards the variables' priors; zero-width where none has one."""
+        columns = []
+        for index, variable in enumerate(self.variables):
+            if variable.prior is not None:
+                position = variable.low + points[:, index] * (variable.high - variable.low)
+                columns.append((position - variable.prior.mean) / variable.prior.sigma * self.prior_weight)
+        return np.stack(columns, axis=1) if columns else np.zeros((len(points), 0))
+
+    @property
+    def samples_per_joint(self) -> np.ndarray:
+        """(k,) measured samples of each joint of the objective, over all recordings."""
+        return self._per_joint
+
+    def mse(self, points: np.ndarray) -> np.ndarray:
+        """(B,) mean squared error in rad^2 over the objective's joints, without priors."""
+        total = np.zeros(len(points))
+        for residual in self.joint_residuals(points):
+            total += ((residual**2).sum(axis=1) / self._per_joint).mean(axis=1)
+        return total

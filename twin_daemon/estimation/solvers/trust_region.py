@@ -1,0 +1,193 @@
+"""Least squares by few roll-outs: derivatives that cost one are computed once and then kept up to date for nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from twin_daemon.errors import BadInput
+from twin_daemon.estimation.posterior import Posterior
+from twin_daemon.estimation.thresholds import (
+    GOOD_AGREEMENT,
+    LEAST_AGREEMENT,
+    LOG_SIZE,
+    NEAR_ZERO,
+    PATTERN_FIRST,
+    PATTERN_LAST,
+    SHRINK,
+    SMALLEST_RADIUS,
+    TRUST_STEP,
+    WORTH,
+)
+
+
+class Derivative:
+    """The Jacobian of a problem's rows along a descent.
+
+    Columns in `refreshed` are differenced at every point; the others once (or are given), and then follow the
+    residuals by Broyden's rank-one update (Broyden 1965), which costs no roll-out.
+    """
+
+    def __init__(self, problem: Posterior, refreshed: Collection[int], known: np.ndarray | None = None) -> None:
+        self._problem = problem
+        self._refreshed = sorted(refreshed)
+        self.matrix = known
+        self._at: tuple[np.ndarray, np.ndarray] | None = None
+
+    def __call__(self, point: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """(m, p) at a point whose rows (m,) are known."""
+        if self.matrix is None:
+            self.matrix = differenced(self._problem, point, rows, range(len(point)))
+        else:
+            if self._at is not None:
+                moved, changed = point - self._at[0], rows - self._at[1]
+                length = float(moved @ moved)
+                if length > 1e-16:
+                    self.matrix = self.matrix + np.outer(changed - self.matrix @ moved, moved) / length
+            if self._refreshed:
+                self.matrix = self.matrix.copy()
+                self.matrix[:, self._refreshed] = differenced(self._problem, point, rows, self._refreshed)
+        self._at = (point.copy(), rows.copy())
+        return self.matrix
+
+
+def differenced(problem: Posterior, point: np.ndarray, rows: np.ndarray, columns: Collection[int]) -> np.ndarray:
+    """(m, len(columns)) by finite differences, into the box; a variable near its lower end is stepped in proportion."""
+    chosen = list(columns)
+    trials = np.repeat(point[None], len(chosen), axis=0)
+    steps = np.array([_difference(problem.variables[c].log, point[c]) for c in chosen])
+    steps = np.where(point[chosen] > 0.5, -steps, steps)
+    trials[np.arange(len(chosen)), chosen] += steps
+    try:
+        return (problem.residuals(trials) - rows).T / steps
+    except BadInput:  # beside values that cannot stand together the other side is free
+        trials[np.arange(len(chosen)), chosen] -= 2.0 * steps
+        return (problem.residuals(np.clip(trials, 0.0, 1.0)) - rows).T / -steps
+
+
+def _difference(log: bool, unit: float) -> float:
+    """The step of a finite difference at a unit coordinate."""
+    return float(TRUST_STEP if log else np.clip(NEAR_ZERO * unit, TRUST_STEP / 6, TRUST_STEP))
+
+
+@dataclass(frozen=True)
+class Descent:
+    """Where a descent has come to: point (p,), rows (m,), their derivative (m, p); and the cost that it began with."""
+
+    point: np.ndarray
+    rows: np.ndarray
+    slopes: np.ndarray
+    began: float
+
+
+def descend(
+    problem: Posterior,
+    start: np.ndarray,
+    derivative: Derivative,
+    *,
+    evaluations: int,
+    enough: Callable[[np.ndarray, np.ndarray], bool] | None = None,
+) -> Descent:
+    """A bounded descent from a point (p,); stops early where `enough(point, rows)` says so.
+
+    Gauss-Newton in a trust region that is a box, cut to the variables' bounds, so that each step is a bounded quadratic
+    problem (solved by MuJoCo's). The first steps are short: a nuisance by two sigma, an effect by its own size.
+    """
+    point = np.clip(start, 0.0, 1.0)
+    rows = problem.residuals(point[None])[0]
+    scale, radius = _scales(problem, point), 1.0
+    spent, cost = 1, float(rows @ rows)
+    before = cost
+    slopes = derivative(point, rows)
+    while spent < evaluations and radius > SMALLEST_RADIUS and not (enough and enough(point, rows)):
+        step, expected = _step(slopes * scale, rows, (-point / scale, (1.0 - point) / scale), radius)
+        trial = np.clip(point + scale * step, 0.0, 1.0)
+        spent += 1
+        try:
+            trial_rows = problem.residuals(trial[None])[0]
+        except BadInput:  # values that cannot stand together, such as a friction below none
+            radius *= SHRINK
+            continue
+        gained = cost - float(trial_rows @ trial_rows)
+        if gained < LEAST_AGREEMENT * expected:
+            radius = SHRINK * min(radius, float(np.abs(step).max(initial=0.0)))
+        elif gained > GOOD_AGREEMENT * expected:
+            radius = 2.0 * radius
+        small = expected < WORTH * cost
+        if gained > 0.0:
+            point, rows, cost = trial, trial_rows, cost - gained
+            if not small:
+                slopes = derivative(point, rows)
+        if small:
+            break
+    return Descent(point, rows, slopes, before)
+
+
+def searched(problem: Posterior, found: Descent, own: Collection[int]) -> Descent:
+    """From where a descent has stopped, a pattern search over a few variables, the others along their derivative.
+
+    Dry friction and gaps make a cost with many small corners, at which derivatives end a descent. Steps that shrink
+    from 4 % of each variable to 0.5 % get across them (Hooke and Jeeves 1961).
+    """
+    point, rows, slopes = found.point, found.rows, found.slopes
+    others = [i for i in range(len(point)) if i not in set(own)]
+    basis, _ = np.linalg.qr(slopes[:, others])
+    share = PATTERN_FIRST
+    while share >= PATTERN_LAST:
+        steps = [share * (LOG_SIZE if problem.variables[i].log else max(point[i], NEAR_ZERO)) for i in own]
+        trials = np.repeat(point[None], 2 * len(steps), axis=0)
+        for row, (index, step) in enumerate(zip(own, steps, strict=True)):
+            trials[2 * row : 2 * row + 2, index] += (step, -step)
+        trials = np.clip(trials, 0.0, 1.0)
+        tried = problem.residuals(trials)
+        # what the other variables could take away of each counts before they have moved
+        left = (tried**2).sum(axis=1) - ((tried @ basis) ** 2).sum(axis=1)
+        best = int(np.argmin(np.nan_to_num(left, nan=np.inf)))
+        moved = one_step(problem, trials[best], tried[best], slopes, others)
+        moved_rows = problem.residuals(moved[None])[0]
+        if moved_rows @ moved_rows < rows @ rows:
+            point, rows = moved, moved_rows
+        else:
+            share /= 2.0
+    return Descent(point, rows, slopes, found.began)
+
+
+def one_step(
+    problem: Posterior, point: np.ndarray, rows: np.ndarray, slopes: np.ndarray, columns: Collection[int]
+) -> np.ndarray:
+    """(p,) where the first step of a descent over some of the variables would go."""
+    chosen = list(columns)
+    scale = _scales(problem, point)[chosen]
+    step, _ = _step(slopes[:, chosen] * scale, rows, (-point[chosen] / scale, (1.0 - point[chosen]) / scale), 1.0)
+    moved = point.copy()
+    moved[chosen] = np.clip(point[chosen] + scale * step, 0.0, 1.0)
+    return moved
+
+
+def _step(
+    slopes: np.ndarray, rows: np.ndarray, room: tuple[np.ndarray, np.ndarray], radius: float
+) -> tuple[np.ndarray, float]:
+    """((p,) step in units of the scales, the cost that it should take away) within a box and the trust region."""
+    count = slopes.shape[1]
+    hessian, gradient = slopes.T @ slopes, slopes.T @ rows
+    hessian = hessian + 1e-9 * max(float(np.trace(hessian)), 1.0) * np.eye(count)
+    step, scratch = np.zeros((count, 1)), np.zeros((count, count + 7))
+    lower = np.maximum(room[0], -radius)[:, None]
+    upper = np.minimum(room[1], radius)[:, None]
+    mujoco.mju_boxQP(step, scratch, None, hessian, gradient[:, None], lower, upper)
+    moved = step[:, 0]
+    return moved, float(-2.0 * gradient @ moved - moved @ hessian @ moved)
+
+
+def _scales(problem: Posterior, start: np.ndarray) -> np.ndarray:
+    """How far each variable goes in a first step: a nuisance by about two sigma, an effect by about its own size."""
+    scales = []
+    for variable, unit in zip(problem.variables, start, strict=True):
+        if variable.prior is not None:
+            scales.append(2.0 * variable.prior.sigma / (variable.high - variable.low))
+        else:
+            scales.append(LOG_SIZE if variable.log else max(unit, NEAR_ZERO))
+    return np.array(scales)

@@ -1,0 +1,224 @@
+"""A calibration split into parts of the hand that do not touch each other, searched one after another.
+
+Each is a problem on the smallest model that moves its part. From outside they are one search with one falling error.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from twin_daemon.estimation.partition import Reduction, restricted
+from twin_daemon.estimation.problem import Problem
+from twin_daemon.estimation.solvers import Search
+from twin_daemon.estimation.solvers.tracker import BudgetSpent, Progress, Tracker
+from twin_daemon.estimation.thresholds import CONTACT_POSES, ONSET_REACH_S
+from twin_daemon.estimation.variables import EffectVariable, OnsetVariable, Variable
+from twin_daemon.simulation.alignment import Aligned, moving_joints
+from twin_daemon.simulation.contacts import touching_parts
+from twin_daemon.simulation.submodel import Part, parts, submodel, with_coupled
+from twin_daemon.simulation.terms import Terms
+from twin_daemon.simulation.twin import TwinModel
+
+
+@dataclass(frozen=True)
+class SubProblem:
+    """A problem over some of the variables. `weight` is its share of the whole objective's joints."""
+
+    problem: Problem
+    weight: float
+
+    def start(self, units: dict[str, float]) -> np.ndarray:
+        """(p,) unit coordinates: what is already known by variable name, else the variables' own start."""
+        return self.problem.start_from(units)
+
+    def restarted(self, units: dict[str, float]) -> Problem:
+        """The same problem with what is already known as its start."""
+        old = self.problem
+        values = old.values(self.start(units))
+        variables = tuple(replace(v, start=float(value)) for v, value in zip(old.variables, values, strict=True))
+        return Problem(
+            old.twin, old.recordings, variables, old.objective, threads=old.threads, prior_weight=old.prior_weight
+        )
+
+    def added_to(self, terms: Terms, units: dict[str, float]) -> Terms:
+        """The terms with what this problem's variables set, at a point."""
+        parameters, effects, _ = self.problem.settings(self.start(units))
+        moved = {(v.effect, v.target) for v in self.problem.variables if isinstance(v, EffectVariable)}
+        terms = terms.with_parameters(parameters)
+        for term in effects or ():
+            if (term.effect, term.target) in moved:
+                terms = terms.with_effect(term)
+        return terms
+
+
+def reduced_problems(
+    twin: TwinModel,
+    recordings: Sequence[Aligned],
+    variables: Sequence[Variable],
+    objective: Sequence[str],
+    *,
+    separable: bool,
+    free_onsets: bool = False,
+    clear: bool = False,
+    prior_weight: float = 0.0,
+) -> list[SubProblem]:
+    """One sub-problem for each part of the hand that the variables leave independent; one in all where they do not.
+
+    A trunk that moves is a part as well, and moves under each of the others as its commands say; what they do to it
+    while they move is left out, as it is small beside what it carries. With `clear`, parts that touch each other are
+    fitted to the time in which they touch nothing, and left out if they have too little of that: what a contact does
+    hangs on surfaces that no model has right, and a free roll-out through one says more about chance than about values.
+
+    With `free_onsets` each has a correction of its own to every onset that was estimated: it depends on the lag of its
+    drives, and these are not known yet.
+    """
+    contacts = any(touching(twin, r) for r in recordings)
+    onsets = [i for i, r in enumerate(recordings) if r.onset_free] if free_onsets else []
+    found = parts(twin)
+    groups = [(p, [v for v in variables if set(v.joints) <= set(p.joints)]) for p in found]
+    split = separable and sum(len(own) for _, own in groups) == len(variables)
+    shares = [_Share(p, own, [j for j in objective if j in p.joints], len(objective)) for p, own in groups]
+    shares = [share for share in shares if share.variables and share.joints]
+    if split and contacts and clear and not any(r.onset_free for r in recordings):
+        out = _clear_problems(twin, recordings, shares, prior_weight)
+        if out:
+            return out
+    if contacts or not split:
+        needed = set(objective) | {j for v in variables for j in v.joints}
+        chosen = [p for p in found if needed & set(p.joints)]
+        members = {n for p in chosen for n in (*p.joints, *p.trunk)}
+        keep = _needed(twin, recordings, members, needed)
+        moved = [*variables, *_onset_variables(onsets, objective[0])]
+        return [_sub(twin, recordings, moved, objective, keep, contacts, 1.0, prior_weight)]
+    out = []
+    for share in shares:
+        needed = {*share.joints, *(j for v in share.variables for j in v.joints)}
+        keep = _needed(twin, recordings, {*share.part.joints, *share.part.trunk}, needed)
+        moved = [*share.variables, *_onset_variables(onsets, share.joints[0])]
+        out.append(_sub(twin, recordings, moved, share.joints, keep, contacts, share.weight, prior_weight))
+    return out
+
+
+@dataclass(frozen=True)
+class _Share:
+    """What a part has of a problem: its variables, and its joints of an objective of so many."""
+
+    part: Part
+    variables: list[Variable]
+    joints: list[str]
+    of: int
+
+    @property
+    def weight(self) -> float:
+        return len(self.joints) / self.of
+
+
+def _clear_problems(
+    twin: TwinModel, recordings: Sequence[Aligned], shares: Sequence[_Share], prior_weight: float
+) -> list[SubProblem]:
+    """A sub-problem for each part that has enough time in which it touches nothing, over that time.
+
+    Pieces of a recording know nothing of an onset that is estimated: there must be none.
+    """
+    reduction = Reduction(twin, recordings, [])
+    out = []
+    for share in shares:
+        reduced = reduction.of(twin, share.part, share.joints)
+        if reduced is not None:
+            problem = Problem(reduced.twin, reduced.train, share.variables, share.joints, prior_weight=prior_weight)
+            out.append(SubProblem(problem, share.weight))
+    return out
+
+
+def _onset_variables(recordings: Sequence[int], label: str) -> list[OnsetVariable]:
+    """Corrections (s) of the onsets of some recordings, by their index; `label` tells problems apart."""
+    reach = ONSET_REACH_S
+    return [OnsetVariable(f"{label}.onset.{i}", "s", -reach, reach, 0.0, recordings=(i,)) for i in recordings]
+
+
+def _needed(twin: TwinModel, recordings: Sequence[Aligned], members: set[str], needed: set[str]) -> tuple[str, ...]:
+    """Of some members, the joints that move, are fitted, or share an actuator with one that is; in the twin's order."""
+    keep = members & (needed | set(moving_joints(recordings)))
+    return with_coupled(twin, keep)
+
+
+def _sub(
+    twin: TwinModel,
+    recordings: Sequence[Aligned],
+    variables: Sequence[Variable],
+    objective: Sequence[str],
+    keep: tuple[str, ...],
+    contacts: bool,
+    weight: float,
+    prior_weight: float,
+) -> SubProblem:
+    if contacts:
+        return SubProblem(Problem(twin, recordings, variables, objective, prior_weight=prior_weight), weight)
+    small = submodel(twin, keep, recordings[0].start_position)
+    cut = [restricted(r, small) for r in recordings]
+    return SubProblem(Problem(small, cut, variables, objective, prior_weight=prior_weight), weight)
+
+
+def touching(twin: TwinModel, recording: Aligned) -> bool:
+    """Whether the hand touches anything along the measured motion, by the model's own geometry."""
+    rows = np.linspace(0, len(recording.states) - 1, CONTACT_POSES).astype(int)
+    poses = twin.measurement.invert(twin.joints, recording.states[rows])
+    return bool(touching_parts(twin, parts(twin), poses))
+
+
+class PartwiseSearch:
+    """What searches over sub-problems have found so far.
+
+    `units` is the best unit coordinate of each variable by name, `history` the best mse (rad^2) of the whole
+    objective after each evaluation.
+    """
+
+    def __init__(self, progress: Progress | None = None) -> None:
+        self.units: dict[str, float] = {}
+        self.history: list[float] = []
+        self._progress = progress
+
+    def run(
+        self,
+        problems: Sequence[SubProblem],
+        search: Search,
+        budget: int | None,
+        seed: int,
+        seconds: float | None = None,
+    ) -> None:
+        """Searches each sub-problem from what is known already, with its share of the budget and of the time.
+
+        A KeyboardInterrupt passes through, once the best point so far is kept.
+        """
+        share = None if budget is None else max(1, budget // len(problems))
+        time_share = None if seconds is None else seconds / len(problems)
+        errors = [float(sub.problem.mse(sub.start(self.units)[None])[0]) * sub.weight for sub in problems]
+        for index, sub in enumerate(problems):
+            others = sum(errors) - errors[index]
+            tracker = Tracker(sub.restarted(self.units), self._reporter(sub.weight, others), share, time_share)
+            try:
+                # the searches' matrices are small: threads of a matrix product would mostly wait for each other
+                with contextlib.suppress(BudgetSpent), threadpool_limits(limits=1):
+                    search(tracker, share, seed)
+            finally:
+                self._keep(sub, tracker, others)
+            errors[index] = min(errors[index], tracker.best_mse * sub.weight)
+
+    def _keep(self, sub: SubProblem, tracker: Tracker, others: float) -> None:
+        if not tracker.history:
+            return
+        names = [variable.name for variable in sub.problem.variables]
+        self.units.update(zip(names, map(float, tracker.best), strict=True))
+        whole = [*self.history[-1:], *(mse * sub.weight + others for mse in tracker.history)]
+        self.history.extend(np.minimum.accumulate(whole)[len(self.history[-1:]) :].tolist())
+
+    def _reporter(self, weight: float, others: float) -> Progress | None:
+        progress, before = self._progress, len(self.history)
+        if progress is None:
+            return None
+        return lambda count, mse: progress(before + count, mse * weight + others)

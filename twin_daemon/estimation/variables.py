@@ -1,0 +1,201 @@
+"""What a fit may move: parameters of the model, values of effects, and the time offset of a recording's commands.
+
+A variable has bounds, a start and, where it is uncertain rather than unknown, a prior. Its unit coordinate is its place
+between the bounds, 0 to 1, on a logarithmic scale where it has one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Self, TypeAlias
+
+import numpy as np
+
+from twin_daemon.effects.base import Parameter
+from twin_daemon.estimation.thresholds import (
+    ANCHOR_FACTOR,
+    ANCHOR_SIGNED_SHARE,
+    AT_BOUND_SHARE,
+)
+
+
+@dataclass(frozen=True)
+class Prior:
+    """A Gaussian belief about a variable, on its own scale (of the logarithm where the variable is logarithmic)."""
+
+    mean: float
+    sigma: float
+
+
+@dataclass
+class Settings:
+    """What a point sets: parameters by name, effects' values by (key, target), the onset (s) of each recording.
+
+    `nominal` are the values that factors multiply; `effects_moved` says whether any variable sets an effect's value.
+    """
+
+    nominal: Mapping[str, float]
+    parameters: dict[str, float]
+    effects: dict[tuple[str, str], dict[str, float]]
+    onsets_s: list[float]
+    effects_moved: bool = False
+
+    def multiply(self, parameter: str, factor: float) -> None:
+        """Factors on one parameter multiply."""
+        self.parameters[parameter] = float(factor * self.parameters.get(parameter, self.nominal[parameter]))
+
+
+@dataclass(frozen=True)
+class _Bounded:
+    """What all variables have in common: a name, and a scale between two bounds in `unit`.
+
+    `joints` are those that the variable acts on; none where it acts on all.
+    """
+
+    name: str
+    unit: str
+    lower: float
+    upper: float
+    start: float
+    log: bool = False
+    prior: Prior | None = field(default=None, kw_only=True)
+    joints: tuple[str, ...] = field(default=(), kw_only=True)
+
+    @property
+    def low(self) -> float:
+        return float(np.log(self.lower)) if self.log else self.lower
+
+    @property
+    def high(self) -> float:
+        return float(np.log(self.upper)) if self.log else self.upper
+
+    def coordinate(self, value: float) -> float:
+        """Value -> unit coordinate."""
+        position = float(np.log(max(value, self.lower))) if self.log else value
+        return float(np.clip((position - self.low) / (self.high - self.low), 0.0, 1.0))
+
+    def value(self, coordinate: float) -> float:
+        """Unit coordinate -> value."""
+        position = self.low + float(coordinate) * (self.high - self.low)
+        return float(np.clip(np.exp(position) if self.log else position, self.lower, self.upper))
+
+    def at_bound(self, value: float) -> bool:
+        """Whether a search stopped here because it was not allowed further."""
+        coordinate = self.coordinate(value)
+        return coordinate < AT_BOUND_SHARE or coordinate > 1.0 - AT_BOUND_SHARE
+
+    @property
+    def parameters_moved(self) -> tuple[str, ...]:
+        """The model's parameters that it sets or multiplies."""
+        return ()
+
+    @property
+    def factors(self) -> tuple[str, ...]:
+        """The model's parameters that it multiplies."""
+        return ()
+
+    def without(self, parameters: Collection[str]) -> Self:
+        """The same variable that leaves some of the model's parameters alone."""
+        return self
+
+
+@dataclass(frozen=True)
+class ParameterVariable(_Bounded):
+    """Parameters of the model, named `<joint, command or body>.<kind>`, all set to one value.
+
+    With `factor` it multiplies each instead; the first is then what its prior is about, and the others go along.
+    """
+
+    parameters: tuple[str, ...] = ()
+    factor: bool = field(default=False, kw_only=True)
+
+    @property
+    def parameters_moved(self) -> tuple[str, ...]:
+        return self.parameters
+
+    @property
+    def factors(self) -> tuple[str, ...]:
+        return self.parameters if self.factor else ()
+
+    def without(self, parameters: Collection[str]) -> Self:
+        return replace(self, parameters=tuple(name for name in self.parameters if name not in parameters))
+
+    def write(self, value: float, into: Settings) -> None:
+        for name in self.parameters:
+            if self.factor:
+                into.multiply(name, value)
+            else:
+                into.parameters[name] = float(value)
+
+
+@dataclass(frozen=True)
+class EffectVariable(_Bounded):
+    """One value of one effect at its target. `along` are parameters of the model that it multiplies as well."""
+
+    effect: str = field(kw_only=True)
+    target: str = field(kw_only=True)
+    parameter: str = field(kw_only=True)
+    along: tuple[str, ...] = field(default=(), kw_only=True)
+
+    @property
+    def parameters_moved(self) -> tuple[str, ...]:
+        return self.along
+
+    @property
+    def factors(self) -> tuple[str, ...]:
+        return self.along
+
+    def without(self, parameters: Collection[str]) -> Self:
+        return replace(self, along=tuple(name for name in self.along if name not in parameters))
+
+    def write(self, value: float, into: Settings) -> None:
+        into.effects.setdefault((self.effect, self.target), {})[self.parameter] = float(value)
+        into.effects_moved = True
+        for name in self.along:
+            into.multiply(name, value)
+
+
+@dataclass(frozen=True)
+class OnsetVariable(_Bounded):
+    """Seconds by which the commands of some recordings, by their index, come later than the clock says."""
+
+    recordings: tuple[int, ...] = ()
+
+    def over(self, place: Mapping[int, int]) -> OnsetVariable:
+        """The same variable where only some recordings are left: their new index by the old one."""
+        return replace(self, recordings=tuple(place[index] for index in self.recordings if index in place))
+
+    def write(self, value: float, into: Settings) -> None:
+        for index in self.recordings:
+            into.onsets_s[index] += float(value)
+
+
+Variable: TypeAlias = ParameterVariable | EffectVariable | OnsetVariable
+
+
+def anchored(variable: Variable) -> Variable:
+    """The variable with a wide belief about where it starts: within a factor of two, or a twentieth of its box."""
+    if variable.log:
+        return replace(variable, prior=Prior(float(np.log(variable.start)), float(np.log(ANCHOR_FACTOR))))
+    width = max(abs(variable.start), ANCHOR_SIGNED_SHARE * (variable.upper - variable.lower))
+    return replace(variable, prior=Prior(variable.start, width))
+
+
+def effect_variable(
+    key: str, target: str, parameter: Parameter, bounds: tuple[float, float], start: float, joints: tuple[str, ...] = ()
+) -> EffectVariable:
+    """One value of an effect at its target, within bounds in the parameter's unit."""
+    lower, upper = bounds
+    return EffectVariable(
+        f"{key}:{target}.{parameter.name}",
+        parameter.unit,
+        lower,
+        upper,
+        float(min(max(start, lower), upper)),
+        parameter.log and lower > 0,
+        effect=key,
+        target=target,
+        parameter=parameter.name,
+        joints=joints,
+    )

@@ -1,0 +1,180 @@
+"""Windows of recordings, each with a roll-out of its own: pieces from rest to rest, and stretches of a long recording.
+
+A free roll-out forgets nothing: the split of a coupled pair is a nearly neutral mode that creeps with friction, and
+a small cause at the start is a large error at the end. Short pieces that start from the measured pose keep the
+comparison about causes (multiple shooting, Bock and Plitt 1984). What a contact does hangs on surfaces that nobody
+has measured, so the time in which a finger touches something says little about the finger.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from twin_daemon.estimation.thresholds import (
+    AFTER_CONTACT_S,
+    BEFORE_CONTACT_S,
+    LEAST_PIECE_S,
+    LOOK_FOR_REST_S,
+    MOST_EXCERPT_S,
+    MOST_PIECE_S,
+    START_SLOPE_S,
+    STILL_RAD,
+    STILL_RAD_S,
+    STILL_S,
+    STRETCH_S,
+    UNSCORED_S,
+)
+from twin_daemon.simulation.alignment import Aligned
+
+
+def segments(aligned: Aligned, joints: Sequence[str], touching: np.ndarray | None = None) -> list[Aligned]:
+    """The recording in pieces of 1.2 to 4.2 s that start where the given joints stand still, or are slowest.
+
+    With `touching` (n,) bool the samples at which they touch something are left out, and some time around them.
+    """
+    columns = [aligned.joints.index(joint) for joint in joints]
+    time_s, position = aligned.time_s, aligned.states[:, columns]
+    width = max(2, round(STILL_S / float(np.median(np.diff(time_s)))))
+    spans = [(0, len(time_s))] if touching is None or not touching.any() else _free(time_s, touching)
+    pieces = []
+    for start, stop in spans:
+        first = start if start == 0 else _calmest(time_s, position, (start, stop), LOOK_FOR_REST_S, width)
+        if stop - start < len(time_s) and time_s[stop - 1] - time_s[first] < LEAST_PIECE_S:
+            continue
+        cuts = [first]
+        while time_s[stop - 1] - time_s[cuts[-1]] > LEAST_PIECE_S + MOST_PIECE_S:
+            earliest = int(np.searchsorted(time_s, time_s[cuts[-1]] + LEAST_PIECE_S))
+            cuts.append(_calmest(time_s, position, (earliest, stop), MOST_PIECE_S - LEAST_PIECE_S, width))
+        pieces += [_piece(aligned, a, b, width) for a, b in zip(cuts, [*cuts[1:], stop], strict=True)]
+    return [piece for piece in pieces if np.isfinite(piece.measured[:, columns]).any()]
+
+
+def spread(pieces: Sequence[Aligned], most_s: float) -> list[Aligned]:
+    """The pieces, or where they last longer, so many of them that are spread evenly over all."""
+    whole_s = length_s(pieces)
+    if whole_s <= most_s:
+        return list(pieces)
+    kept = max(1, int(len(pieces) * most_s / whole_s))
+    return [pieces[index] for index in np.linspace(0, len(pieces) - 1, kept).round().astype(int)]
+
+
+def length_s(pieces: Sequence[Aligned]) -> float:
+    """Time covered by all pieces, but for samples that are hidden or too near to a start to count."""
+    seen = [np.isfinite(piece.measured).any(axis=1).mean() for piece in pieces]
+    return float(sum(piece.time_s[-1] * share for piece, share in zip(pieces, seen, strict=True)))
+
+
+def _free(time_s: np.ndarray, touching: np.ndarray) -> list[tuple[int, int]]:
+    """[start, stop) of the runs of samples that are clear of every contact."""
+    blocked = np.zeros(len(time_s), bool)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], touching, [False]]).astype(int)))
+    for begin, end in edges.reshape(-1, 2):
+        near = (time_s >= time_s[begin] - BEFORE_CONTACT_S) & (time_s <= time_s[end - 1] + AFTER_CONTACT_S)
+        blocked |= near
+    free = np.flatnonzero(np.diff(np.concatenate([[False], ~blocked, [False]]).astype(int)))
+    return [(int(a), int(b)) for a, b in free.reshape(-1, 2)]
+
+
+def _calmest(time_s: np.ndarray, position: np.ndarray, span: tuple[int, int], within_s: float, width: int) -> int:
+    """The sample of a span's first seconds around which the joints move least: the first at which they stand still."""
+    start, stop = span
+    last = int(np.searchsorted(time_s, time_s[start] + within_s))
+    candidates = range(min(start + width, stop - 1), max(min(last, stop), min(start + width, stop - 1) + 1))
+    spreads = np.array([_spread(position[index - width : index + 1]) for index in candidates])
+    still = np.flatnonzero(spreads < STILL_RAD_S * STILL_S + STILL_RAD)
+    return candidates[int(still[0] if still.size else np.argmin(spreads))]
+
+
+def _spread(window: np.ndarray) -> float:
+    """rad: the largest travel of any joint within some samples; infinite where one is missing."""
+    return float(np.ptp(window, axis=0).max()) if np.isfinite(window).all() else float("inf")
+
+
+def _piece(aligned: Aligned, start: int, stop: int, width: int) -> Aligned:
+    begin = float(aligned.time_s[start])
+    time_s = aligned.time_s[start:stop] - begin
+    if start == 0:
+        return replace(aligned, time_s=time_s, measured=aligned.measured[:stop], unhidden=None)
+    measured = aligned.measured[start:stop].copy()
+    measured[time_s < UNSCORED_S] = np.nan
+    pose, speed = _state(aligned.time_s - begin, aligned.states, start, width)
+    return replace(
+        aligned,
+        time_s=time_s,
+        measured=measured,
+        unhidden=None,
+        onset_s=aligned.onset_s - begin,
+        start_position=pose,
+        start_velocity=speed,
+    )
+
+
+def _state(time_s: np.ndarray, measured: np.ndarray, index: int, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """((j,) rad, (j,) rad/s) of all joints at a sample, from the straight line through those around it."""
+    half = max(2, width // 3)
+    window = slice(max(0, index - half), index + half + 1)
+    pose, speed = np.full(measured.shape[1], np.nan), np.zeros(measured.shape[1])
+    for joint, column in enumerate(measured[window].T):
+        known = np.isfinite(column)
+        if known.sum() >= 4:
+            slope, at = np.polyfit(time_s[window][known], column[known], 1)
+            still = abs(slope) < STILL_RAD_S
+            pose[joint], speed[joint] = (column[known].mean(), 0.0) if still else (at, slope)
+        elif known.any():
+            pose[joint] = column[known].mean()
+    return pose, speed
+
+
+def excerpts(recordings: Sequence[Aligned]) -> list[Aligned]:
+    """The recordings, each one that is longer than 40 s as five stretches of 8 s spread over it.
+
+    A stretch starts from the state measured there, so that a search costs what the stretches last; errors are
+    reported on whole recordings all the same.
+    """
+    out: list[Aligned] = []
+    for recording in recordings:
+        if recording.time_s[-1] <= MOST_EXCERPT_S:
+            out.append(recording)
+            continue
+        count = int(MOST_EXCERPT_S // STRETCH_S)
+        begins = np.linspace(0.0, recording.time_s[-1] - STRETCH_S, count)
+        cut = (_stretch(recording, begin) for begin in begins)
+        out.extend(part for part in cut if part is not None)
+    return out
+
+
+def _stretch(recording: Aligned, begin_s: float) -> Aligned | None:
+    """The stretch from the first sample after `begin_s` that knows every moving joint; None where none does."""
+    usable = np.isfinite(recording.states[:, recording.moving]).all(axis=1) & (recording.time_s >= begin_s)
+    if not usable.any():
+        return None
+    first = int(np.argmax(usable))
+    origin = float(recording.time_s[first])
+    window = (recording.time_s >= origin) & (recording.time_s <= origin + STRETCH_S)
+    if window.sum() < 2:
+        return None
+    pose = recording.states[first]
+    position = np.where(np.isfinite(pose), pose, recording.start_position)
+    return replace(
+        recording,
+        time_s=recording.time_s[window] - origin,
+        measured=recording.measured[window],
+        unhidden=None if recording.unhidden is None else recording.unhidden[window],
+        onset_s=recording.onset_s - origin,
+        start_position=position,
+        start_velocity=_slopes(recording, origin),
+    )
+
+
+def _slopes(recording: Aligned, origin_s: float) -> np.ndarray:
+    """(j,) rad/s: the measured slope about a time, 0 where too few samples say."""
+    near = np.abs(recording.time_s - origin_s) <= START_SLOPE_S
+    out = np.zeros(len(recording.joints))
+    for joint, column in enumerate(recording.states[near].T):
+        known = np.isfinite(column)
+        if known.sum() >= 3:
+            out[joint] = np.polyfit(recording.time_s[near][known], column[known], 1)[0]
+    return out
