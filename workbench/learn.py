@@ -10,13 +10,12 @@ from pydantic import ValidationError
 from starlette.requests import Request
 from starlette.routing import BaseRoute
 
-from twin_daemon.diagnosis.verdict import IN_WORDS
+from twin_daemon.diagnosis.verdict import IN_WORDS, Diagnosis, LadderResult
 from twin_daemon.effects import LIBRARY
 from twin_daemon.errors import BadInput, nearest
 from twin_daemon.figures.effect import effect_figure
 from twin_daemon.figures.style import REFERENCE, TWIN, label, styled
 from twin_daemon.report.chart import chart
-from twin_daemon.report.finished import DiagnosisRead, LadderRead
 from twin_daemon.report.page import diagnosis_section, ladder_chart
 from twin_daemon.signals.trajectory import load_trajectory
 from twin_daemon.simulation.follow import follow
@@ -140,7 +139,7 @@ class Learn:
         assert job.result is not None
         try:
             if job.kind == "diagnose":
-                found = DiagnosisRead.model_validate(job.result)
+                found = Diagnosis.model_validate(job.result)
                 findings = [{"effect": one.effect, "target": one.target} for one in found.findings]
                 proposed = found.next_experiment is not None
                 words = IN_WORDS[found.verdict]
@@ -153,7 +152,7 @@ class Learn:
                     "proposed": proposed,
                 }
             if job.kind == "ladder":
-                ladder = LadderRead.model_validate(job.result)
+                ladder = LadderResult.model_validate(job.result)
                 steps = sum(step.effect is not None for step in ladder.steps)
                 return {
                     "version": ladder.version if steps else None,

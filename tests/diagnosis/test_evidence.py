@@ -46,8 +46,8 @@ def test_a_parameter_beyond_any_plausible_hand_is_no_noise(twin: TwinModel, sigm
 
 @pytest.mark.parametrize(("parts", "verdict"), [(("poor",), "not_excited"), (("poor", "rich"), "within_noise")])
 def test_one_part_that_moved_richly_makes_a_hand_sound(twin: TwinModel, parts: tuple[str, ...], verdict: str) -> None:
-    outcomes = [Outcome(name, (JOINT,), 0.5, {}, quiet=True) for name in parts]
-    outcomes[0].unseen = [f"armature:{JOINT}", f"actuator_lag:{JOINT}"]
+    outcomes = [Outcome(name, (JOINT,), 0.5, {}, within_floor=True) for name in parts]
+    outcomes[0].undetectable = [f"armature:{JOINT}", f"actuator_lag:{JOINT}"]
     assert conclude(twin, (), outcomes, (), False).verdict == verdict
 
 

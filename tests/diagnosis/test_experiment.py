@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin_daemon.diagnosis.experiment import FAMILY, expected_difference, motion, next_experiment
-from twin_daemon.diagnosis.verdict import Diagnosis, Finding, FittedValue
+from twin_daemon.diagnosis.experiment_design import FAMILY, expected_difference, motion, next_experiment
+from twin_daemon.diagnosis.verdict import Diagnosis, Finding
+from twin_daemon.estimation.estimate import Estimate
 from twin_daemon.hand import Hand
 from twin_daemon.recordings import load_recording
 from twin_daemon.signals.trajectory import allowed_range, load_trajectory
@@ -35,6 +36,23 @@ def _terms(effect: str, **values: float) -> Terms:
     return Terms(effects=(EffectTerm(effect=effect, target="rh_FFJ3", values=values),))
 
 
+def _play_or_offset(target: str, joints: tuple[str, ...]) -> Diagnosis:
+    finding = Finding(
+        effect="backlash",
+        target=target,
+        joints=joints,
+        parameters={"gap": Estimate(value=0.05, unit="rad", ci95=(0.04, 0.06))},
+        evidence_nats=50.0,
+        holdout_mse_before_rad2=2e-6,
+        holdout_mse_after_rad2=1e-6,
+        holdout_gain=0.5,
+        holdout_gain_ci95=(0.2, 0.7),
+        confusable_with=("sensor_offset:rh_FFJ3",),
+        explanation="",
+    )
+    return Diagnosis(verdict="ambiguous", reason="two", findings=(finding,), tried=(), where=(), parts={})
+
+
 def test_candidates_that_are_the_same_cannot_be_separated(twin: TwinModel, hand: Hand) -> None:
     made = motion(hand, ["rh_FFJ3"], FAMILY["small reversals"](), "reversals")
     play = _terms("backlash", gap=0.03)
@@ -47,34 +65,24 @@ def test_candidates_that_are_the_same_cannot_be_separated(twin: TwinModel, hand:
 def test_an_ambiguous_verdict_gets_the_motion_that_separates_best(
     sound: Path, twin: TwinModel, hand: Hand, tmp_path: Path
 ) -> None:
-    gap = FittedValue(0.05, "rad", (0.04, 0.06))
-    finding = Finding(
-        "backlash", "rh_FFJ3", ("rh_FFJ3",), {"gap": gap}, 50.0, 2e-6, 1e-6, 0.5, (0.2, 0.7),
-        ("sensor_offset:rh_FFJ3",), "",
-    )  # fmt: skip
-    found = Diagnosis("ambiguous", "two", (finding,), (), (), {})
+    found = _play_or_offset("rh_FFJ3", ("rh_FFJ3",))
     aligned = align(twin, load_recording(sound))
     proposed = next_experiment(twin, [aligned], found, tmp_path)
     assert proposed is not None
-    assert proposed["separates"] == ["backlash:rh_FFJ3", "sensor_offset:rh_FFJ3"]
-    assert proposed["expected_difference_rad"] == max(proposed["considered"].values()) > 1e-3
-    assert proposed["motion"] in proposed["why"]
-    assert Path(proposed["path"]).parent == tmp_path
-    assert load_trajectory(proposed["trajectory"], hand).joints == ("rh_FFJ3",)
+    assert proposed.separates == ("backlash:rh_FFJ3", "sensor_offset:rh_FFJ3")
+    assert proposed.expected_difference_rad == max(proposed.considered.values()) > 1e-3
+    assert proposed.motion in proposed.why
+    assert Path(proposed.path).parent == tmp_path
+    assert load_trajectory(proposed.trajectory, hand).joints == ("rh_FFJ3",)
 
 
 def test_other_verdicts_need_no_experiment(twin: TwinModel, tmp_path: Path) -> None:
-    assert next_experiment(twin, [], Diagnosis("within_noise", "", (), (), (), {}), tmp_path) is None
+    assert next_experiment(twin, [], Diagnosis.without_findings("within_noise", ""), tmp_path) is None
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_finding_at_a_pairs_command_is_separated_by_its_joints(sound: Path, twin: TwinModel, tmp_path: Path) -> None:
-    gap = FittedValue(0.05, "rad", (0.04, 0.06))
-    finding = Finding(
-        "backlash", "rh_FFJ0", ("rh_FFJ0", "rh_FFJ2", "rh_FFJ1"), {"gap": gap}, 50.0, 2e-6, 1e-6, 0.5, (0.2, 0.7),
-        ("sensor_offset:rh_FFJ3",), "",
-    )  # fmt: skip
-    found = Diagnosis("ambiguous", "two", (finding,), (), (), {})
+    found = _play_or_offset("rh_FFJ0", ("rh_FFJ0", "rh_FFJ2", "rh_FFJ1"))
     proposed = next_experiment(twin, [align(twin, load_recording(sound))], found, tmp_path)
     assert proposed is not None
-    assert proposed["expected_difference_rad"] > 1e-3
+    assert (proposed.expected_difference_rad or 0.0) > 1e-3

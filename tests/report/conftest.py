@@ -12,8 +12,8 @@ import pytest
 
 from tests.simulation.made import worn_finger
 from twin_daemon.cli.app import main
-from twin_daemon.cli.diagnose import as_json
-from twin_daemon.diagnosis.verdict import Diagnosis, Finding, FittedValue, Trial
+from twin_daemon.diagnosis.verdict import Diagnosis, Experiment, Finding, MovedParameter, PartSummary, Trial
+from twin_daemon.estimation.estimate import Estimate
 from twin_daemon.hand import load_hand
 from twin_daemon.jsonable import plain
 from twin_daemon.simulation.twin import TwinModel
@@ -36,30 +36,41 @@ def diagnosis() -> dict[str, Any]:
         effect="viscous_friction",
         target="rh_FFJ3",
         joints=("rh_FFJ3",),
-        parameters={"damping": FittedValue(0.6, "N m s/rad", (0.55, 0.65))},
-        evidence=4321.0,
-        holdout_mse_before=1e-3,
-        holdout_mse_after=2e-5,
+        parameters={"damping": Estimate(value=0.6, unit="N m s/rad", ci95=(0.55, 0.65))},
+        evidence_nats=4321.0,
+        holdout_mse_before_rad2=1e-3,
+        holdout_mse_after_rad2=2e-5,
         holdout_gain=0.98,
         holdout_gain_ci95=(0.97, 0.99),
         confusable_with=("command_delay:rh_FFJ3",),
         explanation="The joint resists in proportion to its speed.",
     )
-    trial = Trial("backlash", "rh_FFJ3", 12.0, 9e-4, None, "explains less: 4309 nats behind viscous_friction:rh_FFJ3")
-    experiment = {
-        "path": "viscous_friction_or_command_delay.yaml",
-        "trajectory": "viscous_friction_or_command_delay.yaml:steps",
-        "expected_difference_rad": 0.02,
-        "separates": ["viscous_friction:rh_FFJ3", "command_delay:rh_FFJ3"],
-        "why": "steps on rh_FFJ3: there the predictions differ by 20 mrad rms",
-    }
-    parts = {"FF": {"joints": ("rh_FFJ3",), "times_floor": 120.0, "left_times_floor": 0.8, "quiet": False}}
-    found = Diagnosis(
-        "ambiguous", "viscous_friction at rh_FFJ3 cannot be told from command_delay:rh_FFJ3", (finding,), (trial,), (),
-        parts, ({"parameter": "rh_FFJ3.kp", "sigma": 4.5},), experiment,
+    trial = Trial(
+        effect="backlash", target="rh_FFJ3", evidence_nats=12.0, fit_mse_rad2=9e-4, holdout_mse_rad2=None,
+        lost_because="explains less: 4309 nats behind viscous_friction:rh_FFJ3",
     )  # fmt: skip
-    extra = {"schema": 1, "notes": ["a note on the diagnosis"], "hand": "shadow_hand", "version": None, "seed": 7}
-    return plain({**as_json(found), **extra})
+    experiment = Experiment(
+        path="viscous_friction_or_command_delay.yaml",
+        trajectory="viscous_friction_or_command_delay.yaml:steps",
+        expected_difference_rad=0.02,
+        separates=("viscous_friction:rh_FFJ3", "command_delay:rh_FFJ3"),
+        why="steps on rh_FFJ3: there the predictions differ by 20 mrad rms",
+    )
+    part = PartSummary(joints=("rh_FFJ3",), times_floor=120.0, left_times_floor=0.8, within_floor=False)
+    found = Diagnosis(
+        verdict="ambiguous",
+        reason="viscous_friction at rh_FFJ3 cannot be told from command_delay:rh_FFJ3",
+        findings=(finding,),
+        tried=(trial,),
+        where=(),
+        parts={"FF": part},
+        moved_parameters=(MovedParameter(parameter="rh_FFJ3.kp", sigma=4.5),),
+        next_experiment=experiment,
+        notes=("a note on the diagnosis",),
+        hand="shadow_hand",
+        seed=7,
+    )
+    return plain({"schema": 1, **found.model_dump(by_alias=True)})
 
 
 @pytest.fixture

@@ -16,8 +16,7 @@ import pytest
 from tests.report.conftest import Page, report, written
 from tests.simulation.made import recorded, saved
 from twin_daemon.cli.app import main
-from twin_daemon.diagnosis.verdict import VerdictName
-from twin_daemon.report.finished import FindingRead
+from twin_daemon.diagnosis.verdict import Finding, VerdictName
 from twin_daemon.report.words import how_sure
 from twin_daemon.simulation.twin import TwinModel
 from twin_daemon.versions import Draft, ParameterRecord, VersionStore
@@ -197,7 +196,7 @@ def test_how_sure_a_finding_is_hangs_on_what_it_rests_on(
     verdict: VerdictName, rivals: list[str], gain: list[float], said: str, diagnosis: dict[str, Any]
 ) -> None:
     (finding,) = diagnosis["findings"]
-    read = FindingRead.model_validate({**finding, "confusable_with": rivals, "holdout_gain_ci95": gain})
+    read = Finding.model_validate({**finding, "confusable_with": rivals, "holdout_gain_ci95": gain})
     assert said in how_sure(read, verdict).partition(".")[0]
 
 

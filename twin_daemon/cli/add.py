@@ -153,7 +153,7 @@ def errors(
     before: TwinModel, after: TwinModel, train: Sequence[Aligned], held: Sequence[Aligned]
 ) -> dict[str, dict[str, float | None]]:
     """Errors of the twin before and after a change, as the contract spells them."""
-    from twin_daemon.diagnosis.ladder import mean_error
+    from twin_daemon.diagnosis.stepwise import mean_error
 
     return {
         "before": {"mse_rad2": mean_error(before, train)},

@@ -59,3 +59,15 @@ def docs(output: Output = None) -> None:
         typer.echo(page(), nl=False)
     else:
         write_atomically(output, page().encode())
+
+
+@app.command("thresholds")
+def thresholds(output: Output = None) -> None:
+    """Every number that a fit or a diagnosis decides by, with its unit and its origin, as a page of Markdown."""
+    from twin_daemon.diagnosis.threshold_page import page
+    from twin_daemon.files import write_atomically
+
+    if output is None:
+        typer.echo(page(), nl=False)
+    else:
+        write_atomically(output, page().encode())

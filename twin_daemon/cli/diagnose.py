@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -83,20 +82,14 @@ def judged(
     if found.interrupted:
         notes.append(f"interrupted: the verdict speaks of {', '.join(found.parts)} only")
     if found.verdict in ("ambiguous", "not_excited"):
-        from twin_daemon.diagnosis.experiment import next_experiment
+        from twin_daemon.diagnosis.experiment_design import next_experiment
         from twin_daemon.resources import state_dir
 
         proposed = next_experiment(session.twin, train, found, state_dir() / "experiments", chosen)
-        found = replace(found, next_experiment=proposed)
-    payload = {
-        **as_json(found),
-        "notes": [*notes, *found.notes],
-        "hand": session.hand.name,
-        "version": session.version,
-        "seed": seed,
-        "wall_s": time.perf_counter() - began,
-    }
-    return payload, found
+        found = found.model_copy(update={"next_experiment": proposed})
+    about = {"hand": session.hand.name, "version": session.version, "seed": seed}
+    found = found.model_copy(update={"notes": (*notes, *found.notes), **about})
+    return {**found.model_dump(by_alias=True), "wall_s": time.perf_counter() - began}, found
 
 
 def joint_names(twin: TwinModel, given: Sequence[str] | None) -> list[str] | None:
@@ -130,7 +123,7 @@ def _too_short(names: Sequence[str]) -> Diagnosis:
     from twin_daemon.diagnosis.verdict import Diagnosis
 
     reason = f"{', '.join(names)}: shorter than {LEAST_S:g} s; record 15 s or more with steps, two speeds and holds"
-    return Diagnosis("not_excited", reason, (), (), (), {})
+    return Diagnosis.without_findings("not_excited", reason)
 
 
 def diagnosed(
@@ -143,7 +136,8 @@ def diagnosed(
     most_effects: int | None = None,
 ) -> Diagnosis:
     """The diagnosis, each candidate on standard error as soon as it is judged."""
-    from twin_daemon.diagnosis.diagnose import MOST_EFFECTS, diagnose
+    from twin_daemon.diagnosis.search import diagnose
+    from twin_daemon.diagnosis.thresholds import MOST_EFFECTS
 
     most = MOST_EFFECTS if most_effects is None else most_effects
     with streaming() as say:
@@ -169,40 +163,6 @@ class streaming:
         self._progress.stop()
 
 
-def finding_json(finding: Finding) -> dict[str, Any]:
-    """A finding as the contract spells it."""
-    return {
-        "effect": finding.effect,
-        "target": finding.target,
-        "joints": finding.joints,
-        "parameters": {
-            name: {"value": p.value, "unit": p.unit, "ci95": list(p.ci95)} for name, p in finding.parameters.items()
-        },
-        "evidence": finding.evidence,
-        "holdout_mse_before": finding.holdout_mse_before,
-        "holdout_mse_after": finding.holdout_mse_after,
-        "holdout_gain": finding.holdout_gain,
-        "holdout_gain_ci95": list(finding.holdout_gain_ci95),
-        "confusable_with": list(finding.confusable_with),
-        "explanation": finding.explanation,
-    }
-
-
-def as_json(found: Diagnosis) -> dict[str, Any]:
-    """A diagnosis as the contract spells it."""
-    return {
-        "verdict": found.verdict,
-        "reason": found.reason,
-        "findings": [finding_json(f) for f in found.findings],
-        "tried": found.tried,
-        "where": found.where,
-        "parts": found.parts,
-        "moved_parameters": found.moved_parameters,
-        "next_experiment": found.next_experiment,
-        "interrupted": found.interrupted,
-    }
-
-
 # -- for people --------------------------------------------------------------------------------------------
 
 
@@ -212,10 +172,10 @@ def _show(console: Console, payload: dict[str, Any], found: Diagnosis) -> None:
     for finding in found.findings:
         show_finding(console, finding)
     for moved in found.moved_parameters:
-        console.print(f"{plain_text(moved['parameter'])} sits {moved['sigma']:+.1f} sigma from the model's value")
+        console.print(f"{plain_text(moved.parameter)} sits {moved.sigma:+.1f} sigma from the model's value")
     _show_where(console, found)
     _show_tried(console, found)
-    for note in payload["notes"]:
+    for note in found.notes:
         console.print(f"note: {plain_text(note)}")
     for line in _how_to_go_on(found):
         console.print(line, markup=False)
@@ -229,8 +189,8 @@ def show_finding(console: Console, finding: Finding) -> None:
         unit = "" if p.unit == "1" else f" {p.unit}"
         console.print(f"  {name} = {p.value:.4g}{unit} (95 %: {p.ci95[0]:.4g} to {p.ci95[1]:.4g})")
     console.print(
-        f"  held out: {finding.holdout_mse_before:.3g} -> {finding.holdout_mse_after:.3g} rad², "
-        f"gain {finding.holdout_gain:.0%} (95 %: {low:.0%} to {high:.0%}); evidence {finding.evidence:.0f} nats"
+        f"  held out: {finding.holdout_mse_before_rad2:.3g} -> {finding.holdout_mse_after_rad2:.3g} rad², "
+        f"gain {finding.holdout_gain:.0%} (95 %: {low:.0%} to {high:.0%}); evidence {finding.evidence_nats:.0f} nats"
     )
     if finding.confusable_with:
         console.print(f"  not told apart from: {plain_text(', '.join(finding.confusable_with))}")
@@ -242,29 +202,27 @@ def _show_where(console: Console, found: Diagnosis) -> None:
         return
     table = slim_table("where it fails", ("joint", "while", "rmse mrad", "over its mean"), words=("while",))
     for row in found.where[:_MOST_WHERE]:
-        table.add_row(
-            plain_text(row["joint"]), row["condition"], f"{1e3 * row['rmse_rad']:.2f}", f"{row['times_average']:.1f}x"
-        )
+        table.add_row(plain_text(row.joint), row.condition, f"{1e3 * row.rmse_rad:.2f}", f"{row.times_average:.1f}x")
     console.print(table)
 
 
 def _show_tried(console: Console, found: Diagnosis) -> None:
     if not found.tried:
         return
-    best = sorted(found.tried, key=lambda trial: -trial.evidence)[:_MOST_TRIED]
+    best = sorted(found.tried, key=lambda trial: -trial.evidence_nats)[:_MOST_TRIED]
     table = slim_table(
         f"what else was tried ({len(best)} of {len(found.tried)})", ("candidate", "nats", "why not"), words=("why not",)
     )
     for trial in best:
-        table.add_row(plain_text(f"{trial.effect}:{trial.target}"), f"{trial.evidence:.0f}", trial.lost_because)
+        table.add_row(plain_text(f"{trial.effect}:{trial.target}"), f"{trial.evidence_nats:.0f}", trial.lost_because)
     console.print(table)
 
 
 def _how_to_go_on(found: Diagnosis) -> list[str]:
     lines = []
     if found.next_experiment is not None:
-        lines.append(f"Next experiment: run {found.next_experiment['path']}, record it, and diagnose it with this one.")
-        lines.append(f"  {found.next_experiment['why']}")
+        lines.append(f"Next experiment: run {found.next_experiment.path}, record it, and diagnose it with this one.")
+        lines.append(f"  {found.next_experiment.why}")
     if found.findings and found.verdict != "ambiguous":
         first = found.findings[0]
         lines.append(f"Add it: twin add {first.effect} --joint {first.target} --recording R... (twin ladder adds all)")

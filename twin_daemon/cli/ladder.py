@@ -18,7 +18,7 @@ from twin_daemon.cli.tables import slim_table
 from twin_daemon.diagnosis.verdict import IN_WORDS
 
 if TYPE_CHECKING:
-    from twin_daemon.diagnosis.ladder import Ladder
+    from twin_daemon.diagnosis.stepwise import Ladder
     from twin_daemon.simulation.alignment import Aligned
 
 
@@ -41,7 +41,7 @@ def command(
 
     The twin with all effects is stored as a candidate version. Ctrl-C keeps the steps done.
     """
-    from twin_daemon.diagnosis.climb import climb
+    from twin_daemon.diagnosis.stepwise import stepwise
     from twin_daemon.executor import on_cluster
 
     require_folder(json, plot)
@@ -50,7 +50,7 @@ def command(
     train, held, notes = train_and_held(session, whole, holdout, trajectory)
     began = time.perf_counter()
     with on_cluster(cluster), streaming() as say:
-        ladder = climb(
+        ladder = stepwise(
             session.twin, train, held, max_steps=max_steps, whole=() if holdout else whole, seed=seed, say=say
         )
     payload = {**_payload(session, ladder, train, held), "notes": notes, "seed": seed}
@@ -84,7 +84,7 @@ def _payload(session: Session, ladder: Ladder, train: list[Aligned], held: list[
         "hand": session.hand.name,
         "verdict": ladder.steps[-1].verdict,
         "reason": ladder.reason,
-        "steps": [dict(vars(step)) for step in ladder.steps],
+        "steps": [step.model_dump() for step in ladder.steps],
         "refused": ladder.refused,
         "references": references,
         "noise_floor_rad2": fitted["noise_floor_rad2"],

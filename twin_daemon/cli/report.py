@@ -14,7 +14,7 @@ from twin_daemon.cli.session import Session, open_session, require_folder
 from twin_daemon.errors import BadInput, UsageError
 
 if TYPE_CHECKING:
-    from twin_daemon.report.finished import DiagnosisRead, LadderRead
+    from twin_daemon.diagnosis.verdict import Diagnosis, LadderResult
     from twin_daemon.report.reproduce import Recipe
     from twin_daemon.simulation.alignment import Aligned
     from twin_daemon.versions import Version
@@ -53,15 +53,16 @@ def command(
     """
     if diagnosis is not None and diagnose:
         raise UsageError("--diagnosis and --diagnose exclude each other", todo="Give one of them")
+    from twin_daemon.diagnosis.verdict import Diagnosis, LadderResult
     from twin_daemon.files import write_atomically
-    from twin_daemon.report.finished import DiagnosisRead, LadderRead, read_result
+    from twin_daemon.report.finished import read_result
     from twin_daemon.report.motion import motion
     from twin_daemon.report.page import Content, render
     from twin_daemon.report.parameters import parameter_rows
 
     require_folder(json, output)
-    found = read_result(diagnosis, DiagnosisRead, "twin diagnose") if diagnosis else None
-    climbed = read_result(ladder, LadderRead, "twin ladder") if ladder else None
+    found = read_result(diagnosis, Diagnosis, "twin diagnose") if diagnosis else None
+    climbed = read_result(ladder, LadderResult, "twin ladder") if ladder else None
     session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)
     stored = session.store.get(session.version) if session.version is not None else None
     notes = [
@@ -135,14 +136,14 @@ def _notes(
 
 def _diagnosed(
     session: Session, recorded: list[Aligned], holdout: list[Path] | None, trajectory: str | None, seed: int
-) -> DiagnosisRead:
+) -> Diagnosis:
     from twin_daemon.cli.console import SCHEMA
     from twin_daemon.cli.diagnose import judged
+    from twin_daemon.diagnosis.verdict import Diagnosis
     from twin_daemon.jsonable import plain
-    from twin_daemon.report.finished import DiagnosisRead
 
     payload, _ = judged(session, recorded, holdout, trajectory, None, seed)
-    return DiagnosisRead.model_validate(plain({"schema": SCHEMA, **payload}))
+    return Diagnosis.model_validate(plain({"schema": SCHEMA, **payload}))
 
 
 def _recipe(
@@ -151,8 +152,8 @@ def _recipe(
     given: dict[str, Any],
     more: dict[str, Any],
     recordings: dict[str, list[Aligned]],
-    diagnosis: DiagnosisRead | None,
-    ladder: LadderRead | None,
+    diagnosis: Diagnosis | None,
+    ladder: LadderResult | None,
 ) -> Recipe:
     from twin_daemon.report import reproduce
     from twin_daemon.signals.trajectory import trajectory_file

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from twin_daemon.diagnosis.thresholds import COUNTED_NEARBY, LEAST_ALONG, TAKEN_AWAY, WIDER
 from twin_daemon.effects import LIBRARY
 from twin_daemon.effects.base import Effect, Parameter
 from twin_daemon.estimation.nuisances import OWN
@@ -14,9 +15,6 @@ from twin_daemon.estimation.variables import EffectVariable, effect_variable
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.terms import EffectTerm
 from twin_daemon.simulation.twin import TwinModel
-
-_WIDER = 10.0  # a fit may go this much further than the starts
-_NEARBY = 1.15  # as a factor: this far from its start where a parameter counts something
 
 
 @dataclass(frozen=True)
@@ -45,7 +43,10 @@ class Hypothesis:
         for p in self.effect.parameters:
             lower, upper = self._box(p)
             if p.held:
-                lower, upper = max(p.lower, complete[p.name] / _NEARBY), min(p.upper, complete[p.name] * _NEARBY)
+                lower, upper = (
+                    max(p.lower, complete[p.name] / COUNTED_NEARBY),
+                    min(p.upper, complete[p.name] * COUNTED_NEARBY),
+                )
             if lower < upper:
                 variables.append(effect_variable(self.effect.key, self.target, p, (lower, upper), complete[p.name]))
         return tuple(variables)
@@ -53,15 +54,15 @@ class Hypothesis:
     def _box(self, p: Parameter) -> tuple[float, float]:
         values = [start[p.name] for start in self.starts]
         if p.log and p.lower > 0:
-            return max(p.lower, min(values) / _WIDER), min(p.upper, max(values) * _WIDER)
-        above = max(max(v - p.neutral for v in values), 0.0) * _WIDER
+            return max(p.lower, min(values) / WIDER), min(p.upper, max(values) * WIDER)
+        above = max(max(v - p.neutral for v in values), 0.0) * WIDER
         # a model's own friction can be taken away once, not thirty times
-        below = max(max(p.neutral - v for v in values), 0.0) * (1.9 if self.effect.key in OWN else _WIDER)
+        below = max(max(p.neutral - v for v in values), 0.0) * (TAKEN_AWAY if self.effect.key in OWN else WIDER)
         return max(p.lower, p.neutral - below), min(p.upper, p.neutral + above)
 
     def along(self, start: dict[str, float], amount: float) -> dict[str, float]:
         """The values this far along the line from neutral to a start; logarithmic parameters stay as they are."""
-        amount = max(amount, 0.05)
+        amount = max(amount, LEAST_ALONG)
         values = {}
         for p in self.effect.parameters:
             far = start[p.name]

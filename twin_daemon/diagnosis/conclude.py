@@ -5,22 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from twin_daemon.comparison.conditions import errors_by_condition
 from twin_daemon.diagnosis.candidates import Hypothesis
-from twin_daemon.diagnosis.fit import Fit
-from twin_daemon.diagnosis.gate import HeldOut
-from twin_daemon.diagnosis.intervals import own_estimates
-from twin_daemon.diagnosis.partfit import FORBIDDEN_SIGMA, QUIET_CHI_SQUARE, PartFit
-from twin_daemon.diagnosis.verdict import Diagnosis, Finding, FittedValue, Trial, VerdictName
-from twin_daemon.diagnosis.where import where_it_fails
-from twin_daemon.simulation.alignment import Aligned
+from twin_daemon.diagnosis.fit import Fit, own_estimates
+from twin_daemon.diagnosis.part_fit import PartFit
+from twin_daemon.diagnosis.thresholds import FLOOR_CHI_SQUARE, FORBIDDEN_SIGMA, MOST_NAMED, WORST_SHOWN
+from twin_daemon.diagnosis.validation import HeldOut
+from twin_daemon.diagnosis.verdict import Diagnosis, Failure, Finding, MovedParameter, PartSummary, Trial, VerdictName
+from twin_daemon.simulation.alignment import Aligned, predict
 from twin_daemon.simulation.twin import TwinModel
-
-_NAMED = 6  # effects that a motion could not have shown, in a reason
 
 
 @dataclass(frozen=True)
 class Accepted:
-    """An effect that passed the gate: the part it was found in, how it was judged, and what it cannot be told from."""
+    """An effect that passed held-out validation: its part, how it was judged, and what it cannot be told from."""
 
     part: PartFit
     fit: Fit
@@ -40,24 +38,24 @@ class Outcome:
     name: str
     joints: tuple[str, ...]
     chi_square: float
-    strained: dict[str, float]
+    deviating: dict[str, float]
     accepted: list[Accepted] = field(default_factory=list)
     tried: list[Trial] = field(default_factory=list)
     left: float = 0.0
-    quiet: bool = False
-    unseen: list[str] = field(default_factory=list)
-    """Of a quiet part the effects that its motion would not have shown, where these are many."""
+    within_floor: bool = False
+    undetectable: list[str] = field(default_factory=list)
+    """Of a part within the floor the effects that its motion would not have shown, where these are many."""
 
 
 def forced_nuisances(outcome: Outcome) -> list[tuple[str, float]]:
     """The nuisances that are further off than any plausible hand."""
-    return [(name, sigma) for name, sigma in outcome.strained.items() if abs(sigma) > FORBIDDEN_SIGMA]
+    return [(name, sigma) for name, sigma in outcome.deviating.items() if abs(sigma) > FORBIDDEN_SIGMA]
 
 
 def nothing_moves(joints: Sequence[str] | None) -> Diagnosis:
     which = ", ".join(joints) if joints else "no joint"
     reason = f"{which} moves by more than 0.05 rad: record a motion with steps, two speeds, small reversals and holds"
-    return Diagnosis("not_excited", reason, (), (), (), {})
+    return Diagnosis.without_findings("not_excited", reason)
 
 
 def conclude(
@@ -68,11 +66,11 @@ def conclude(
     interrupted: bool,
 ) -> Diagnosis:
     findings = [_finding(item) for outcome in outcomes for item in outcome.accepted]
-    findings.sort(key=lambda f: -f.evidence)
-    loud = [o for o in outcomes if not o.quiet]
-    unexplained = [o for o in loud if o.left > 1.0]
-    forced = [(o, *worst) for o in loud for worst in forced_nuisances(o)]
-    unsettled = [o for o in loud if o.left <= 1.0 and not o.accepted and o.chi_square > QUIET_CHI_SQUARE]
+    findings.sort(key=lambda f: -f.evidence_nats)
+    above = [o for o in outcomes if not o.within_floor]
+    unexplained = [o for o in above if o.left > 1.0]
+    forced = [(o, *worst) for o in above for worst in forced_nuisances(o)]
+    unsettled = [o for o in above if o.left <= 1.0 and not o.accepted and o.chi_square > FLOOR_CHI_SQUARE]
     ambiguous = [f for f in findings if f.confusable_with]
     verdict: VerdictName
     if interrupted and not outcomes:
@@ -80,9 +78,9 @@ def conclude(
     elif not outcomes:
         verdict = "not_excited"
         reason = f"{', '.join(touching)}: touching something, or too short: record some seconds clear of contacts"
-    elif all(o.quiet and o.unseen for o in outcomes):
+    elif all(o.within_floor and o.undetectable for o in outcomes):
         verdict, reason = "not_excited", _too_poor(outcomes[0])
-    elif not loud:
+    elif not above:
         verdict, reason = "within_noise", "what is left is what the sensors and the time step leave of a right model"
     elif unexplained:
         worst = max(unexplained, key=lambda o: o.left)
@@ -91,7 +89,7 @@ def conclude(
     elif forced:
         worst, name, sigma = max(forced, key=lambda item: abs(item[2]))
         verdict = "unexplained"
-        beside = "beside what was found" if worst.accepted else "no effect passes the gate, and"
+        beside = "beside what was found" if worst.accepted else "no effect passes held-out validation, and"
         reason = f"{worst.name}: {beside}, {name} has to be {sigma:+.0f} sigma from the model's value"
     elif ambiguous:
         verdict = "ambiguous"
@@ -101,7 +99,8 @@ def conclude(
         verdict, reason = "explained", "; ".join(f"{f.effect} at {f.target}" for f in findings)
     elif unsettled:
         verdict = "unexplained"
-        reason = f"{unsettled[0].name}: {unsettled[0].chi_square:.1f} times the floor, and no effect passes the gate"
+        worst = unsettled[0]
+        reason = f"{worst.name}: {worst.chi_square:.1f} times the floor, and no effect passes held-out validation"
     else:
         verdict, reason = "within_noise", "nominal parameters within their uncertainty explain the motion"
     return Diagnosis(
@@ -109,22 +108,26 @@ def conclude(
         reason=reason,
         findings=tuple(findings),
         tried=tuple(t for o in outcomes for t in o.tried),
-        where=tuple(where_it_fails(twin, train)),
+        where=where_it_fails(twin, train),
         parts={
-            o.name: {"joints": o.joints, "times_floor": o.chi_square, "left_times_floor": o.left, "quiet": o.quiet}
+            o.name: PartSummary(
+                joints=o.joints, times_floor=o.chi_square, left_times_floor=o.left, within_floor=o.within_floor
+            )
             for o in outcomes
         },
         moved_parameters=tuple(
-            {"parameter": name, "sigma": sigma} for o in outcomes for name, sigma in o.strained.items()
+            MovedParameter(parameter=name, sigma=sigma) for o in outcomes for name, sigma in o.deviating.items()
         ),
         interrupted=interrupted,
-        notes=[f"{name} was left out: it touches something nearly all the time" for name in touching],
+        notes=tuple(f"{name} was left out: it touches something nearly all the time" for name in touching),
     )
 
 
 def _too_poor(outcome: Outcome) -> str:
-    effects = list(dict.fromkeys(name.partition(":")[0] for name in outcome.unseen))
-    some = ", ".join(effects[:_NAMED]) + (f" and {len(effects) - _NAMED} more" if len(effects) > _NAMED else "")
+    effects = list(dict.fromkeys(name.partition(":")[0] for name in outcome.undetectable))
+    some = ", ".join(effects[:MOST_NAMED]) + (
+        f" and {len(effects) - MOST_NAMED} more" if len(effects) > MOST_NAMED else ""
+    )
     return (
         f"{outcome.name}: the model is right for this motion, but it would be beside {some} as well: record steps, "
         "two speeds, small reversals and holds"
@@ -133,7 +136,6 @@ def _too_poor(outcome: Outcome) -> str:
 
 def _finding(accepted: Accepted) -> Finding:
     part, fit, judged, hypothesis = accepted.part, accepted.fit, accepted.judged, accepted.hypothesis
-    parameters = {name: FittedValue(one.value, one.unit, one.ci95) for name, one in own_estimates(fit).items()}
     twin = part.twin
     if hypothesis.target == "hand":
         joints = tuple(part.joints)
@@ -144,13 +146,29 @@ def _finding(accepted: Accepted) -> Finding:
         effect=effect.key,
         target=hypothesis.target,
         joints=joints,
-        parameters=parameters,
-        evidence=part.evidence(fit),
-        holdout_mse_before=judged.mse_before,
-        holdout_mse_after=judged.mse_after,
+        parameters=own_estimates(fit),
+        evidence_nats=part.evidence_nats(fit),
+        holdout_mse_before_rad2=judged.mse_before,
+        holdout_mse_after_rad2=judged.mse_after,
         holdout_gain=judged.gain,
         holdout_gain_ci95=judged.gain_ci95,
         confusable_with=tuple(rival.hypothesis.name for rival in accepted.rivals),
         explanation=f"{effect.story.what} {effect.story.shows} Likely cause: {effect.story.cause} "
         f"What to do: {effect.story.remedy}",
+    )
+
+
+def where_it_fails(twin: TwinModel, recordings: Sequence[Aligned]) -> tuple[Failure, ...]:
+    """Joints and what they were doing where the errors are largest, worst first."""
+    errors = errors_by_condition((recording, predict(twin, recording)) for recording in recordings)
+    return tuple(
+        Failure(
+            joint=error.joint,
+            condition=error.condition,
+            rmse_rad=error.rmse_rad,
+            bias_rad=error.bias_rad,
+            times_average=error.times_average,
+            seconds=error.seconds,
+        )
+        for error in errors[:WORST_SHOWN]
     )

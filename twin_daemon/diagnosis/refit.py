@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin_daemon.diagnosis.candidates import Hypothesis, informed
-from twin_daemon.diagnosis.fit import Fit, as_fit, own_columns
-from twin_daemon.diagnosis.intervals import own_estimates
+from twin_daemon.diagnosis.fit import Fit, as_fit, own_columns, own_estimates
+from twin_daemon.diagnosis.thresholds import REFIT_ROLLOUTS, REFIT_ROUNDS, REFIT_STARTS, SETTLED
 from twin_daemon.effects.base import Effect
 from twin_daemon.errors import BadInput
 from twin_daemon.estimation.nuisances import beside, nuisance_variables
@@ -22,11 +22,6 @@ from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.submodel import parts
 from twin_daemon.simulation.terms import EffectTerm
 from twin_daemon.simulation.twin import TwinModel
-
-_ROUNDS = 6
-_EVALUATIONS = 16  # of each, beside those of its derivatives
-_SETTLED = 0.95  # of the cost before: a round that gains less is the last
-_STARTS = 2  # descents, from the best of the effect's own starts
 
 
 @dataclass(frozen=True)
@@ -53,7 +48,7 @@ def refit_effect(
 ) -> Refit:
     """Fits an effect at its targets, `given` values fixed, part by part where parts move on their own.
 
-    Descends from the effect's own starts, or from `start` alone where the values are known roughly.
+    Descends from the effect's own starts, or from `start` alone where the values are known first_fits.
 
     Damping, friction, armature, gain and delay move along under their priors, so that a friction that is 10 % off
     does not bend the effect's values. Raises BadInput where nothing concerned moves.
@@ -165,20 +160,20 @@ def _fit(
         rows = problem.residuals(problem.start[None])[0]
         trials.append((float(rows @ rows), number, problem))
     trials.sort(key=lambda trial: trial[:2])
-    return min((_descended(problem) for _, _, problem in trials[:_STARTS]), key=lambda fit: fit.cost)
+    return min((_descended(problem) for _, _, problem in trials[:REFIT_STARTS]), key=lambda fit: fit.cost)
 
 
 def _descended(problem: Posterior) -> Fit:
     """Down in rounds with new derivatives each, as long as they gain, the time step's error taken out at the end."""
     own = own_columns(problem)
     point = problem.start
-    for _ in range(_ROUNDS):
-        found = descend(problem, point, Derivative(problem, own), evaluations=_EVALUATIONS)
+    for _ in range(REFIT_ROUNDS):
+        found = descend(problem, point, Derivative(problem, own), evaluations=REFIT_ROLLOUTS)
         point = found.point
-        if found.rows @ found.rows > _SETTLED * found.began:
+        if found.rows @ found.rows > SETTLED * found.began:
             break
     settled = problem.corrected(problem.step_errors(point))
-    return as_fit(None, settled, descend(settled, point, Derivative(settled, own), evaluations=_EVALUATIONS))
+    return as_fit(None, settled, descend(settled, point, Derivative(settled, own), evaluations=REFIT_ROLLOUTS))
 
 
 def _hypothesis(

@@ -9,8 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from twin_daemon.diagnosis.candidates import Hypothesis, informed
-from twin_daemon.diagnosis.fit import Rough, Start, own_columns
-from twin_daemon.diagnosis.partfit import PartFit
+from twin_daemon.diagnosis.fit import FirstFit, Start, own_columns
+from twin_daemon.diagnosis.part_fit import PartFit
+from twin_daemon.diagnosis.thresholds import FURTHEST_ALONG, SCREENED_S
 from twin_daemon.errors import BadInput
 from twin_daemon.estimation.nuisances import factors
 from twin_daemon.estimation.posterior import Posterior
@@ -18,9 +19,6 @@ from twin_daemon.estimation.solvers.trust_region import Derivative, descend, dif
 from twin_daemon.estimation.variables import OnsetVariable, Variable
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
-
-_FURTHEST = 4.0  # times a start's own values, along its secant
-_SCREENED_S = 8.0  # of motion: enough to rank candidates
 
 
 class _Anchor:
@@ -48,7 +46,7 @@ class _Anchor:
         power = float(seen @ seen)
         if not np.isfinite(power) or power < 1e-12:
             return float("inf"), 0.0
-        amount = float(np.clip(-(seen @ rows) / power, 0.0, _FURTHEST))
+        amount = float(np.clip(-(seen @ rows) / power, 0.0, FURTHEST_ALONG))
         rows = rows + amount * seen
         return float(rows @ rows), amount
 
@@ -70,7 +68,7 @@ class Screening:
         taken: list[int] = []
         for index in np.argsort(costs)[::-1]:
             taken.append(int(index))
-            if sum(part.recordings[i].time_s[-1] for i in taken) >= _SCREENED_S:
+            if sum(part.recordings[i].time_s[-1] for i in taken) >= SCREENED_S:
                 break
         taken.sort()
         chosen = np.concatenate([*(np.arange(*blocks[i]) for i in taken), np.arange(blocks[-1][1], len(rows))])
@@ -132,7 +130,7 @@ class Screening:
                         found.append(Start(hypothesis, hypothesis.along(values, amount), group, cost))
         turned = {v.name: v.value(u) for v, u in zip(self._part.variables, self._part.base.point, strict=True)}
         scales = factors(self._part.variables, turned)
-        pull = sum(self._part.base.strains[self._part.variables[i].name] ** 2 for i in dropped)
+        pull = sum(self._part.base.deviations[self._part.variables[i].name] ** 2 for i in dropped)
         for values in hypothesis.freed(self._part.twin, scales):
             found.append(Start(hypothesis, values, None, self.cost - pull))
         for joint in hypothesis.holds_offset():
@@ -165,7 +163,7 @@ class Screening:
             corrections=self._screened_corrections,
         )
 
-    def enter(self, start: Start) -> Rough | None:
+    def enter(self, start: Start) -> FirstFit | None:
         """A start as it is, with the nuisances where its anchor has them or where they would go from there.
 
         None where the effect cannot stand beside the twin's others.
@@ -174,7 +172,7 @@ class Screening:
             return self._enter(start)
         return None
 
-    def _enter(self, start: Start) -> Rough:
+    def _enter(self, start: Start) -> FirstFit:
         whole = self._part.problem_with((start.hypothesis, start.values))
         problem = self._screened_of(whole)
         anchor = self._anchors[start.anchor]
@@ -186,9 +184,9 @@ class Screening:
         moved_rows = problem.residuals(moved[None])[0]
         if moved_rows @ moved_rows < rows @ rows:
             point, rows = moved, moved_rows
-        return Rough(start, whole, point, float(rows @ rows))
+        return FirstFit(start, whole, point, float(rows @ rows))
 
-    def roughly(self, entered: Rough, evaluations: int) -> Rough:
+    def first_fit(self, entered: FirstFit, evaluations: int) -> FirstFit:
         """A first fit, on the motion that is screened: derivatives by the nuisances are taken over.
 
         The time step's error is the candidate's own, where it begins and for its rank where it ends: the flanks of a
@@ -201,7 +199,7 @@ class Screening:
         more = 2 * len(own_columns(problem))
         found = descend(problem, entered.point, derivative, evaluations=evaluations + more)
         rows = problem.corrected(problem.step_errors(found.point)).residuals(found.point[None])[0]
-        return Rough(entered.start, entered.problem, found.point, float(rows @ rows))
+        return FirstFit(entered.start, entered.problem, found.point, float(rows @ rows))
 
     def _screened_of(self, whole: Posterior) -> Posterior:
         variables = _over(whole.variables, self._part.recordings, self._screened)

@@ -1,9 +1,15 @@
-"""What a diagnosis says: verdicts are values, and each finding carries its evidence."""
+"""What a diagnosis and a ladder say, as they are written and read: verdicts are values, findings carry their evidence.
+
+Numbers that nobody knows are NaN here and null in JSON.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field, field_serializer
+
+from twin_daemon.estimation.estimate import Estimate, Number
 
 VerdictName = Literal["explained", "ambiguous", "not_excited", "unexplained", "within_noise"]
 
@@ -16,55 +22,162 @@ IN_WORDS = {
 }
 
 
-@dataclass(frozen=True)
-class FittedValue:
-    """One parameter of a fitted effect with its 95 % interval, in `unit`."""
-
-    value: float
-    unit: str
-    ci95: tuple[float, float]
+class _Said(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="ignore", populate_by_name=True)
 
 
-@dataclass(frozen=True)
-class Finding:
-    """One effect that the data ask for. Errors are mean squared errors (rad^2) on held-out motion."""
+class Finding(_Said):
+    """One effect that the data ask for. Evidence is its gain over the model alone; errors are on held-out motion."""
 
     effect: str
     target: str
     joints: tuple[str, ...]
-    parameters: dict[str, FittedValue]
-    evidence: float
-    holdout_mse_before: float
-    holdout_mse_after: float
-    holdout_gain: float
-    holdout_gain_ci95: tuple[float, float]
+    parameters: dict[str, Estimate]
+    evidence_nats: Number = Field(validation_alias="evidence", serialization_alias="evidence")
+    holdout_mse_before_rad2: Number = Field(
+        validation_alias="holdout_mse_before", serialization_alias="holdout_mse_before"
+    )
+    holdout_mse_after_rad2: Number = Field(
+        validation_alias="holdout_mse_after", serialization_alias="holdout_mse_after"
+    )
+    holdout_gain: Number
+    holdout_gain_ci95: tuple[Number, Number]
     confusable_with: tuple[str, ...]
     explanation: str
 
+    @property
+    def name(self) -> str:
+        """The effect and its place, as findings name each other."""
+        return f"{self.effect}:{self.target}"
 
-@dataclass(frozen=True)
-class Trial:
-    """A candidate and why it did not win. `evidence` is its gain over the model alone, in nats."""
+    @field_serializer("parameters")
+    def _without_unknowns(self, parameters: dict[str, Estimate]) -> dict[str, dict]:
+        return {name: one.model_dump(exclude_none=True) for name, one in parameters.items()}
+
+
+class Trial(_Said):
+    """A candidate and why it did not win. Evidence is its gain over the model alone."""
 
     effect: str
     target: str
-    evidence: float
+    evidence_nats: Number = Field(validation_alias="evidence", serialization_alias="evidence")
     fit_mse_rad2: float | None
     holdout_mse_rad2: float | None
     lost_because: str
 
 
-@dataclass(frozen=True)
-class Diagnosis:
-    """The whole answer."""
+class Failure(_Said):
+    """Where the model fails: a joint, what it was doing, and the error there beside the joint's own average."""
 
+    joint: str
+    condition: str
+    rmse_rad: Number
+    bias_rad: Number
+    times_average: Number
+    seconds: Number
+
+
+class PartSummary(_Said):
+    """One part of the hand: what the model leaves of its floor, at first and with what was found."""
+
+    joints: tuple[str, ...]
+    times_floor: Number
+    left_times_floor: Number
+    within_floor: bool = Field(validation_alias="quiet", serialization_alias="quiet")
+
+
+class MovedParameter(_Said):
+    """A nominal parameter that is further off than its uncertainty, in sigma."""
+
+    parameter: str
+    sigma: Number
+
+
+class Experiment(_Said):
+    """The motion that would settle an open question, in a trajectory file."""
+
+    path: str
+    trajectory: str
+    expected_difference_rad: float | None
+    separates: tuple[str, ...]
+    motion: str = ""
+    considered: dict[str, Number] = {}
+    why: str
+
+
+class Diagnosis(_Said):
+    """The whole answer. `hand`, `version` and `seed` are those of the command that wrote it."""
+
+    format: Literal[1] = Field(default=1, validation_alias="schema", exclude=True)
     verdict: VerdictName
     reason: str
     findings: tuple[Finding, ...]
     tried: tuple[Trial, ...]
-    where: tuple[dict[str, Any], ...]
-    parts: dict[str, dict[str, Any]]
-    moved_parameters: tuple[dict[str, Any], ...] = ()
-    next_experiment: dict[str, Any] | None = None
+    where: tuple[Failure, ...]
+    parts: dict[str, PartSummary]
+    moved_parameters: tuple[MovedParameter, ...] = ()
+    next_experiment: Experiment | None = None
     interrupted: bool = False
-    notes: list[str] = field(default_factory=list)
+    notes: tuple[str, ...] = ()
+    hand: str | None = None
+    version: str | None = None
+    seed: int | None = None
+
+    @classmethod
+    def without_findings(cls, verdict: VerdictName, reason: str) -> Diagnosis:
+        """An answer that rests on no fit."""
+        return cls(verdict=verdict, reason=reason, findings=(), tried=(), where=(), parts={})
+
+
+class Step(_Said):
+    """The twin after one more effect, and what the diagnosis says of it then.
+
+    `effect` is None in the first step, and in one that fits the values of all effects and parameters `together`.
+    Errors are over the joints that move. `parameters` are the effect's fitted values, `confusable_with` what the data
+    did not tell it from.
+    """
+
+    effect: str | None
+    target: str | None
+    joints: tuple[str, ...] = ()
+    parameters: dict[str, Number]
+    mse_rad2: float | None
+    holdout_mse_rad2: float | None
+    verdict: VerdictName | None
+    together: bool = False
+    confusable_with: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """The effect and where, with what it may be instead."""
+        instead = f" (or {', '.join(self.confusable_with)})" if self.confusable_with else ""
+        return f"{self.effect} at {self.target}{instead}"
+
+    def better_than(self, other: Step) -> bool:
+        """Whether held-out motion is predicted better."""
+        new, old = self.holdout_mse_rad2, other.holdout_mse_rad2
+        return new is not None and old is not None and new < old
+
+
+class ReferenceErrors(_Said):
+    """What a predictor leaves that a ladder is compared with."""
+
+    mse_rad2: float | None = None
+    holdout_mse_rad2: float | None = None
+
+
+class LadderResult(_Said):
+    """What `twin ladder` writes, as far as a page shows it."""
+
+    format: Literal[1] = Field(default=1, validation_alias="schema", exclude=True)
+    hand: str
+    verdict: VerdictName | None
+    reason: str
+    steps: tuple[Step, ...] = Field(min_length=1)
+    refused: tuple[str, ...] = ()
+    references: dict[str, ReferenceErrors]
+    noise_floor_rad2: float | None
+    parent: str | None = None
+    version: str | None = None
+    notes: tuple[str, ...] = ()
+    seed: int | None = None

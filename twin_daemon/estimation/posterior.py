@@ -128,7 +128,7 @@ class Posterior(Problem):
         """(q, p) derivative of the priors' rows by the points."""
         return self._priors * self._boxes[1] / self._sigmas[:, None]
 
-    def strains(self, point: np.ndarray) -> dict[str, float]:
+    def deviations(self, point: np.ndarray) -> dict[str, float]:
         """How many sigma each nuisance is from its prior, by name."""
         names = [v.name for v in self.variables if v.prior is not None]
         return dict(zip(names, map(float, self.prior_residuals(point[None])[0]), strict=True))

@@ -90,6 +90,8 @@ ONSET_REACH_S = Threshold(0.15, "s", "bounds of a part's own correction of an es
 
 # -- how sure a value is -------------------------------------------------------------------------------------
 
+Z95 = Threshold(1.96, "sigma", "half-width of a 95 % interval of a normal distribution")
+BOX_INFORMATION = Threshold(12.0, "1", "of a uniform belief over a variable's range: what bounds say of a value")
 IDENTIFIABLE_SHARE = Threshold(0.1, "1", "of a uniform belief's width: a narrower interval is called identifiable")
 WEAK_SHARE = Threshold(0.5, "1", "of it: a narrower one is called weak, a wider one not identifiable")
 CONFUSED_CORRELATION = Threshold(0.9, "1", "of two values' errors from which they are said to trade off")
@@ -123,6 +125,7 @@ BAYES_POLISH_ITERATIONS = Count(8, "iterations", "of least squares on what it ha
 BAYES_TIME_SHARE = Threshold(0.4, "1", "of the time that it has where descents follow it")
 BAYES_DESCENT_FIRST_ITERATIONS = Count(8, "iterations", "from the model as it was, and from what it has found")
 BAYES_DESCENT_ITERATIONS = Count(40, "iterations", "from the better of them")
+RANDOM_BATCH = Count(20, "points", "of a random search that are rolled out at once")
 SWARM_PARTICLES = Count(10, "particles", "of the swarm, as in the dissertation that is compared with")
 SWARM_OWN = Threshold(0.5, "1", "pull towards a particle's own best, from there")
 SWARM_LEADER = Threshold(0.3, "1", "pull towards the swarm's best, from there")

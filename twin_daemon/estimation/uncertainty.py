@@ -2,46 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
-from pydantic import BaseModel, ConfigDict
 
+from twin_daemon.estimation.estimate import Estimate, Identifiability
 from twin_daemon.estimation.problem import Problem
 from twin_daemon.estimation.solvers.least_squares import jacobian
 from twin_daemon.estimation.solvers.tracker import Tracker
 from twin_daemon.estimation.thresholds import (
+    BOX_INFORMATION,
     CONFUSED_CORRELATION,
     EXPECTED_CORRELATION_S,
     IDENTIFIABLE_SHARE,
     RELATIVE_FLOOR,
     WEAK_SHARE,
+    Z95,
 )
 from twin_daemon.estimation.variables import Variable
 
-Identifiability = Literal["identifiable", "weak", "not_identifiable"]
-
-_BOX_SIGMA = 1.0 / np.sqrt(12.0)  # of a uniform belief over the unit box
-_BOX_INFORMATION = 12.0
-_Z95 = 1.96
-
-
-class Estimate(BaseModel):
-    """One value in `unit` with its 95 % interval and the bounds that it was looked for within.
-
-    `confused_with` is the variable that it trades off with, if any.
-    """
-
-    model_config = ConfigDict(frozen=True)
-
-    value: float
-    unit: str
-    ci95: tuple[float, float]
-    lower: float | None = None
-    upper: float | None = None
-    at_bound: bool = False
-    identifiable: Identifiability | None = None
-    confused_with: str | None = None
+_BOX_SIGMA = 1.0 / np.sqrt(BOX_INFORMATION)  # of a uniform belief over the unit box
 
 
 def correlation_time(residual: np.ndarray) -> float:
@@ -136,7 +114,7 @@ def _in_a_word(share: float) -> Identifiability:
 
 def _within(variable: Variable, unit: float, sigma: float) -> tuple[float, float]:
     """The values 1.96 sigma of a unit coordinate to either side, within the bounds."""
-    half = _Z95 * sigma
+    half = Z95 * sigma
     return variable.value(max(unit - half, 0.0)), variable.value(min(unit + half, 1.0))
 
 
@@ -153,7 +131,7 @@ def unit_sigmas(slopes: np.ndarray, inflation: float) -> np.ndarray:
 
     `inflation` is the residual over its floor: what is above it is no noise of the size assumed, and intervals widen.
     """
-    information = slopes.T @ slopes / inflation + _BOX_INFORMATION * np.eye(slopes.shape[1])
+    information = slopes.T @ slopes / inflation + BOX_INFORMATION * np.eye(slopes.shape[1])
     return np.sqrt(np.diag(np.linalg.inv(information)))
 
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 from twin_daemon.calibration.calibrate import Calibration, calibrate
 from twin_daemon.calibration.spaces import Space, load_space, variables_of
-from twin_daemon.diagnosis.climb import climb
-from twin_daemon.diagnosis.ladder import Ladder
+from twin_daemon.diagnosis.stepwise import Ladder, stepwise
 from twin_daemon.estimation.solvers.tracker import Progress
 from twin_daemon.estimation.uncertainty import Estimate
 from twin_daemon.executor import TimeLimit
@@ -82,7 +81,7 @@ def recalibrate(
     if fitted.interrupted or (enough and decision.better):
         return Recalibration(after, decision, fitted.parameters, fitted, None, ())
     say("parameters alone do not explain the change: looking for an effect that has appeared")
-    ladder = climb(twin, train, held, max_steps=_MOST_EFFECTS, limit=limit, seed=seed, say=say)
+    ladder = stepwise(twin, train, held, max_steps=_MOST_EFFECTS, limit=limit, seed=seed, say=say)
     if ladder.added:
         other = decide(twin, ladder.twin, held, ladder.parameters, {}, seed)
         if other.after_rad2 < _CLEARLY * decision.after_rad2:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import math
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,12 +14,11 @@ import jinja2
 import plotly.offline
 from markupsafe import Markup
 
-from twin_daemon.diagnosis.verdict import IN_WORDS
+from twin_daemon.diagnosis.verdict import IN_WORDS, Diagnosis, LadderResult
 from twin_daemon.figures.ladder import ladder_figure
 from twin_daemon.figures.style import DARK
 from twin_daemon.report import words
 from twin_daemon.report.chart import Chart, chart, in_script
-from twin_daemon.report.finished import DiagnosisRead, LadderRead
 from twin_daemon.report.motion import Motion, conditions, overlays
 from twin_daemon.report.parameters import ParameterRow
 from twin_daemon.report.reproduce import Recipe
@@ -37,8 +37,8 @@ class Content:
     version: Version | None
     parameters: tuple[ParameterRow, ...]
     recipe: Recipe
-    diagnosis: DiagnosisRead | None = None
-    ladder: LadderRead | None = None
+    diagnosis: Diagnosis | None = None
+    ladder: LadderResult | None = None
     notes: tuple[str, ...] = field(default=())
 
     @property
@@ -83,18 +83,18 @@ def style() -> str:
     return _text("page.css")
 
 
-def diagnosis_section(found: DiagnosisRead) -> Markup:
+def diagnosis_section(found: Diagnosis) -> Markup:
     """The section on a diagnosis alone, for other pages. What comes from the result is escaped."""
     template = _environment().get_template("section_diagnosis.html.j2")
     return Markup(template.render(content={"diagnosis": found}, verdicts=IN_WORDS, **_about(found)))
 
 
-def _about(found: DiagnosisRead) -> dict[str, Any]:
-    tried = sorted(found.tried, key=lambda trial: -(trial.evidence or 0.0))
+def _about(found: Diagnosis) -> dict[str, Any]:
+    tried = sorted(found.tried, key=lambda trial: -trial.evidence_nats if math.isfinite(trial.evidence_nats) else 0.0)
     return {"tried": tried, "most_tried": _MOST_TRIED}
 
 
-def ladder_chart(ladder: LadderRead) -> Chart:
+def ladder_chart(ladder: LadderResult) -> Chart:
     """The figure of a ladder."""
     plain: dict[str, Any] = ladder.model_dump()
     steps = [

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 
-from twin_daemon.diagnosis.diagnose import DECISIVE_NATS
-from twin_daemon.diagnosis.verdict import VerdictName
-from twin_daemon.report.finished import DiagnosisRead, FindingRead
+from twin_daemon.diagnosis.thresholds import DECISIVE_NATS
+from twin_daemon.diagnosis.verdict import Diagnosis, Finding, VerdictName
 
 UNKNOWN = "unknown"
 
@@ -39,7 +38,7 @@ def root(value: float | None) -> float | None:
 
 
 def interval(ci95: tuple[float | None, float | None] | None) -> str:
-    if ci95 is None or None in ci95:
+    if ci95 is None or any(end is None or not math.isfinite(end) for end in ci95):
         return UNKNOWN
     return f"{number(ci95[0])} to {number(ci95[1])}"
 
@@ -48,28 +47,28 @@ def bounds(lower: float | None, upper: float | None) -> str:
     return UNKNOWN if lower is None and upper is None else f"{number(lower)} to {number(upper)}"
 
 
-def how_sure(finding: FindingRead, verdict: VerdictName) -> str:
+def how_sure(finding: Finding, verdict: VerdictName) -> str:
     """The certainty of one finding under the verdict on all of them, and what it rests on."""
     low, high = finding.holdout_gain_ci95
     said = (
         f"On motion that it was not fitted to, the error falls by {percent(finding.holdout_gain)} "
         f"(95 % interval {percent(low)} to {percent(high)}). Its evidence over the model without it is "
-        f"{number(finding.evidence, 4)} nats; {DECISIVE_NATS:g} decide between two candidates."
+        f"{number(finding.evidence_nats, 4)} nats; {DECISIVE_NATS:g} decide between two candidates."
     )
     if finding.confusable_with:
         return f"Not sure which: these data do not tell it from {', '.join(finding.confusable_with)}. {said}"
     if verdict == "unexplained":
         return f"It helps, but do not take it for the whole cause: something is left that it does not explain. {said}"
-    if low is not None and low > 0 and finding.evidence is not None and finding.evidence > DECISIVE_NATS:
+    if low > 0 and finding.evidence_nats > DECISIVE_NATS:
         return f"Sure, as far as these data go: no other candidate explains them as well. {said}"
     return f"Weak: held-out motion or evidence does not stand clear of chance. {said}"
 
 
-def left_over(diagnosis: DiagnosisRead) -> list[str]:
+def left_over(diagnosis: Diagnosis) -> list[str]:
     """What each part of the hand leaves, in multiples of what a right model would leave."""
     lines = []
     for name, part in diagnosis.parts.items():
         start = f"{name}: {number(part.times_floor)} times the floor at the start"
         end = f"{number(part.left_times_floor)} times what a right model leaves on held-out motion in the end"
-        lines.append(f"{start}: quiet, nothing was searched" if part.quiet else f"{start}, and {end}")
+        lines.append(f"{start}: within the floor, nothing was searched" if part.within_floor else f"{start}, and {end}")
     return lines

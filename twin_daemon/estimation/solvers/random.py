@@ -5,16 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from twin_daemon.estimation.solvers.tracker import Tracker
-
-_BATCH = 20
+from twin_daemon.estimation.thresholds import RANDOM_BATCH
 
 
 def random_search(tracker: Tracker, budget: int | None, seed: int) -> None:
     """`budget` points (1000 by default), the start first."""
     rng = np.random.default_rng(seed)
     budget = 1000 if budget is None else budget
-    for first in range(0, budget, _BATCH):
-        points = rng.random((min(_BATCH, budget - first), len(tracker.problem.variables)))
+    for first in range(0, budget, RANDOM_BATCH):
+        points = rng.random((min(RANDOM_BATCH, budget - first), len(tracker.problem.variables)))
         if first == 0:
             points[0] = tracker.problem.start
         tracker.cost(points)

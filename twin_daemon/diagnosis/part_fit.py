@@ -9,27 +9,26 @@ from functools import cached_property
 import numpy as np
 
 from twin_daemon.diagnosis.candidates import Hypothesis
-from twin_daemon.diagnosis.fit import Fit, Rough, as_fit, own_columns
+from twin_daemon.diagnosis.fit import FirstFit, Fit, as_fit, own_columns
+from twin_daemon.diagnosis.thresholds import (
+    COARSER_STEPS,
+    FINER_STEP,
+    FLOOR_CHI_SQUARE,
+    FORBIDDEN_SIGMA,
+    GONE_FAR,
+    LEAST_SHARE_OF_ERROR,
+    NUISANCE_ROLLOUTS,
+    SETTLED,
+    SURE_FLOOR_SHARE,
+    SURE_FLOOR_SIGMA,
+    SUSPECT_SIGMA,
+)
 from twin_daemon.estimation.nuisances import beside, nuisance_variables
 from twin_daemon.estimation.posterior import Posterior, floor_and_corrections
 from twin_daemon.estimation.solvers.trust_region import Derivative, Descent, descend, searched
 from twin_daemon.estimation.variables import EffectVariable, OnsetVariable
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
-
-QUIET_CHI_SQUARE = 1.6
-"""The residual over its floor up to which there is nothing to explain."""
-
-_NUISANCE_EVALUATIONS = 12
-SUSPECT_SIGMA = 3.0
-"""A nuisance this far from its prior may stand in for something."""
-
-FORBIDDEN_SIGMA = 6.0
-"""A nuisance this far off is no hand that is called the same: something is missing."""
-
-_SHARE = 0.04  # of the whole error below which a joint is not looked at, as long as another is worse
-_SETTLED = 0.95  # of the cost before: a round of the nuisances that gains less is the last
-_GONE_FAR = 0.8  # of its first cost: a descent that has come below this is taken up again
 
 
 class PartFit:
@@ -62,8 +61,8 @@ class PartFit:
         else:
             self.floor, self.corrections = after.problem.floor, after.problem.corrections
         self.problem = Posterior(twin, recordings, self.variables, joints, self.floor, corrections=self.corrections)
-        self._enough = None if thoroughly else self._is_quiet
-        self.coarse = twin.at_step(2.0 * float(twin.model.opt.timestep))
+        self._enough = None if thoroughly else self._is_within_floor
+        self.coarse = twin.at_step(COARSER_STEPS * float(twin.model.opt.timestep))
         self.base = self._fit_nuisances(after)
 
     # -- nuisances -----------------------------------------------------------------------------------------
@@ -74,7 +73,7 @@ class PartFit:
         if after is None:
             return as_fit(None, problem, self._settled(problem.start, None))
         found = self._settled(problem.start_from(after.nuisances), self._taken_over(after))
-        if not self._is_quiet(found.point, found.rows):
+        if not self._is_within_floor(found.point, found.rows):
             again = self._settled(problem.start, None)
             found = min(found, again, key=lambda one: float(one.rows @ one.rows))
         return as_fit(None, problem, found)
@@ -84,9 +83,9 @@ class PartFit:
         before = np.inf
         for known in (slopes, None, None, None):
             derivative = Derivative(self.problem, (), known)
-            found = descend(self.problem, point, derivative, evaluations=_NUISANCE_EVALUATIONS, enough=self._enough)
+            found = descend(self.problem, point, derivative, evaluations=NUISANCE_ROLLOUTS, enough=self._enough)
             point, cost = found.point, float(found.rows @ found.rows)
-            if (self._enough and self._enough(point, found.rows)) or cost > _SETTLED * before:
+            if (self._enough and self._enough(point, found.rows)) or cost > SETTLED * before:
                 break
             before = cost
         return found
@@ -100,11 +99,11 @@ class PartFit:
         slopes = fit.slopes[:data, [columns[v.name] for v in self.variables]]
         return np.concatenate([slopes, self.problem.prior_slopes()])
 
-    def _is_quiet(self, point: np.ndarray, rows: np.ndarray) -> bool:
+    def _is_within_floor(self, point: np.ndarray, rows: np.ndarray) -> bool:
         """Whether nuisances that are nowhere near their limits leave no more than the floor."""
         priors = rows[len(rows) - len(self.variables) :]
         data = float((rows**2).sum() - (priors**2).sum()) / self.problem.effective_samples
-        return data <= 0.8 * QUIET_CHI_SQUARE and float(np.abs(priors).max(initial=0.0)) < 3.0
+        return data <= SURE_FLOOR_SHARE * FLOOR_CHI_SQUARE and float(np.abs(priors).max(initial=0.0)) < SURE_FLOOR_SIGMA
 
     # -- candidates ----------------------------------------------------------------------------------------
 
@@ -124,20 +123,20 @@ class PartFit:
 
     @cached_property
     def suspects(self) -> set[str]:
-        """Joints at which something may be missing: the loud ones, and those whose nuisances strain.
+        """Joints at which something may be missing: those above the floor, and those whose nuisances deviate.
 
-        Where much is left, only what strains beyond any plausible hand counts: nuisances go far to stand in for what
+        Where much is left, only what deviations beyond any plausible hand counts: nuisances go far to stand in for what
         is missing next to them.
         """
         residuals = self.problem.joint_residuals(self.base.point[None])
         squares = np.sum([(r[0] ** 2).sum(axis=0) for r in residuals], axis=0) / self.floor
         known = np.maximum(np.sum([np.isfinite(r.measured).sum(axis=0)[self._own_columns] for r in self.recordings],
                                   axis=0), 1)  # fmt: skip
-        loud = (squares / known > QUIET_CHI_SQUARE) & (squares > _SHARE * squares.sum())
-        found = {joint for joint, is_loud in zip(self.joints, loud, strict=True) if is_loud}
-        quiet = self.base.chi_square <= QUIET_CHI_SQUARE or not found
-        least, strains = SUSPECT_SIGMA if quiet else FORBIDDEN_SIGMA, self.base.strains
-        found |= {joint for v in self.variables if abs(strains[v.name]) > least for joint in v.joints}
+        above = (squares / known > FLOOR_CHI_SQUARE) & (squares > LEAST_SHARE_OF_ERROR * squares.sum())
+        found = {joint for joint, is_above in zip(self.joints, above, strict=True) if is_above}
+        within = self.base.chi_square <= FLOOR_CHI_SQUARE or not found
+        least, deviations = SUSPECT_SIGMA if within else FORBIDDEN_SIGMA, self.base.deviations
+        found |= {joint for v in self.variables if abs(deviations[v.name]) > least for joint in v.joints}
         for group in self.groups:
             found |= group if group & found else set()
         return (found & set(self.joints)) or set(self.joints)
@@ -176,34 +175,34 @@ class PartFit:
             corrections=self.corrections,
         )
 
-    def finely(self, rough: Rough, evaluations: int) -> Fit:
+    def full_fit(self, first: FirstFit, evaluations: int) -> Fit:
         """The fit on all motion, with the time step's error and all derivatives taken where it has come to.
 
         Once more from where that has come to, if it has gone far; and once more with what may only have made up for
         other values on the way put back: what began at an end of its range, where a law is simpler, and nuisances
         that are far off.
         """
-        problem, found = self._finely(rough.hypothesis, rough.problem, rough.point, evaluations)
-        return as_fit(rough.hypothesis, problem, found)
+        problem, found = self._full_fit(first.hypothesis, first.problem, first.point, evaluations)
+        return as_fit(first.hypothesis, problem, found)
 
-    def finely_together(self, fits: Sequence[Fit], evaluations: int, asked: Fit) -> list[Fit]:
+    def full_fit_together(self, fits: Sequence[Fit], evaluations: int, asked: Fit) -> list[Fit]:
         """Several effects fitted at once, as finely as one is, with the nuisances from where they are beside one of
         them and from nominal values: the better counts."""
         pairs = [(fit.hypothesis, fit.values) for fit in fits if fit.hypothesis is not None]
         assert asked.hypothesis is not None
         problem = self.problem_with(*pairs)
         ends = [
-            self._finely(asked.hypothesis, problem, problem.start_from(known), evaluations)
+            self._full_fit(asked.hypothesis, problem, problem.start_from(known), evaluations)
             for known in (asked.nuisances, {})
         ]
         problem, found = min(ends, key=lambda end: float(end[1].rows @ end[1].rows))
         return [as_fit(hypothesis, problem, found) for hypothesis, _ in pairs]
 
-    def _finely(
+    def _full_fit(
         self, hypothesis: Hypothesis, problem: Posterior, point: np.ndarray, evaluations: int
     ) -> tuple[Posterior, Descent]:
         fit = self._descended(hypothesis, problem, point, evaluations)
-        for put_back in (_ends, _strained):
+        for put_back in (_ends, _deviating):
             point = put_back(fit)
             if not np.array_equal(point, fit.point):
                 again = self._descended(hypothesis, problem, point, evaluations)
@@ -217,7 +216,7 @@ class PartFit:
             problem = problem.corrected(problem.step_errors(point))
             found = descend(problem, point, Derivative(problem, own_columns(problem)), evaluations=evaluations)
             point = found.point
-            if found.rows @ found.rows > _GONE_FAR * found.began:
+            if found.rows @ found.rows > GONE_FAR * found.began:
                 break
         return as_fit(hypothesis, problem, found)
 
@@ -229,7 +228,7 @@ class PartFit:
         found = descend(problem, point, Derivative(problem, own_columns(problem)), evaluations=evaluations)
         return [as_fit(hypothesis, problem, found) for hypothesis, _ in pairs]
 
-    def evidence(self, fit: Fit) -> float:
+    def evidence_nats(self, fit: Fit) -> float:
         """Gain over the nuisances alone in nats, after the Bayesian information criterion's price of parameters."""
         own = sum(v.prior is None for v in fit.problem.variables)
         price = own * np.log(max(self.problem.effective_samples, 2.0))
@@ -242,7 +241,7 @@ class PartFit:
         shifts = [value for variable, value in values if isinstance(variable, OnsetVariable)]
         shift = float(np.mean(shifts)) if shifts else 0.0
         moved = [r.with_onset(r.onset_s + shift) for r in recordings]
-        fine = fit.problem.twin.at_step(0.25 * float(fit.problem.twin.model.opt.timestep))
+        fine = fit.problem.twin.at_step(FINER_STEP * float(fit.problem.twin.model.opt.timestep))
         problem = Posterior(fine, moved, variables, self.joints, self.floor)
         known = {v.name: u for v, u in zip(fit.problem.variables, fit.point, strict=True)}
         point = np.array([known[v.name] for v in variables])
@@ -259,10 +258,11 @@ def _ends(fit: Fit) -> np.ndarray:
     return point
 
 
-def _strained(fit: Fit) -> np.ndarray:
+def _deviating(fit: Fit) -> np.ndarray:
     """(p,) the fit's point with the nuisances that are far from their priors back where they start."""
-    strains = fit.strains
+    deviations = fit.deviations
     far = [
-        variable.prior is not None and abs(strains[variable.name]) > SUSPECT_SIGMA for variable in fit.problem.variables
+        variable.prior is not None and abs(deviations[variable.name]) > SUSPECT_SIGMA
+        for variable in fit.problem.variables
     ]
     return np.where(far, fit.problem.start, fit.point)

@@ -5,15 +5,24 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from itertools import combinations
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from twin_daemon.diagnosis.refit import refit_effect
-from twin_daemon.diagnosis.verdict import Diagnosis, Finding
+from twin_daemon.diagnosis.thresholds import (
+    EXPERIMENT_RATE_HZ,
+    FEW_COMMANDS,
+    MOST_RIVALS,
+    RANGE_MARGIN,
+    SETTLE_S,
+    SPEED_SHARE,
+    TELLING,
+    WIDEST_RAD,
+)
+from twin_daemon.diagnosis.verdict import Diagnosis, Experiment, Finding
 from twin_daemon.effects import LIBRARY
 from twin_daemon.errors import BadInput
-from twin_daemon.estimation.posterior import MODEL_FLOOR_RAD
+from twin_daemon.estimation.thresholds import MODEL_FLOOR_RAD
 from twin_daemon.hand.description import Hand
 from twin_daemon.signals.commands import CommandSignal
 from twin_daemon.signals.trajectory import Trajectory, allowed_range, load_trajectory, save_trajectory
@@ -21,14 +30,6 @@ from twin_daemon.simulation.alignment import Aligned, resample
 from twin_daemon.simulation.rollout import roll_out
 from twin_daemon.simulation.terms import EffectTerm, Terms
 from twin_daemon.simulation.twin import TwinModel
-
-_MARGIN = 0.08  # of the range, kept at both ends
-_WIDEST_RAD = 2.0
-_OF_LIMIT = 0.8  # of the velocity limit, at most
-_SETTLE_S = 1.0
-_RATE_HZ = 125.0
-_MOST_RIVALS = 3
-_FEW = 4  # commands, up to which each is moved at length
 
 Waypoints = list[tuple[float, float]]
 """(share of the range, seconds to get there), from the share at which the motion starts."""
@@ -86,7 +87,7 @@ def next_experiment(
     found: Diagnosis,
     folder: Path,
     joints: Sequence[str] | None = None,
-) -> dict[str, Any] | None:
+) -> Experiment | None:
     """The trajectory that would settle an ambiguous verdict, or show something where nothing was excited.
 
     Written into `folder` and read back, so that it is known to run. None for the other verdicts.
@@ -101,13 +102,13 @@ def next_experiment(
 
 def _separating(
     twin: TwinModel, train: Sequence[Aligned], found: Diagnosis, doubtful: Finding, folder: Path
-) -> dict[str, Any] | None:
+) -> Experiment | None:
     base = twin.terms
     for other in found.findings:
         if other is not doubtful:
             base = base.with_effect(_term(other))
     candidates = {f"{doubtful.effect}:{doubtful.target}": base.with_effect(_term(doubtful))}
-    for name in doubtful.confusable_with[:_MOST_RIVALS]:
+    for name in doubtful.confusable_with[:MOST_RIVALS]:
         key, _, target = name.partition(":")
         try:
             refit = refit_effect(twin.changed(base), train, LIBRARY[key], [target], {})
@@ -124,35 +125,34 @@ def _separating(
     title = f"{doubtful.effect}_or_{'_or_'.join(n.partition(':')[0] for n in list(candidates)[1:])}"
     path, reference = _written(motions[best], f"{title}_at_{doubtful.target}", folder, twin.hand)
     over = differences[best] / MODEL_FLOOR_RAD
-    return {
-        "path": str(path),
-        "trajectory": reference,
-        "expected_difference_rad": differences[best],
-        "separates": list(candidates),
-        "motion": best,
-        "considered": differences,
-        "why": f"{best} on {', '.join(commands)}: there the candidates' predictions differ by "
+    return Experiment(
+        path=str(path),
+        trajectory=reference,
+        expected_difference_rad=differences[best],
+        separates=tuple(candidates),
+        motion=best,
+        considered=differences,
+        why=f"{best} on {', '.join(commands)}: there the candidates' predictions differ by "
         f"{1e3 * differences[best]:.1f} mrad rms, {over:.0f} times what a right model leaves"
-        + ("" if over > 3.0 else "; that is little, so a known load or another pose may be needed"),
-    }
+        + ("" if over > TELLING else "; that is little, so a known load or another pose may be needed"),
+    )
 
 
-def _general(hand: Hand, commands: Sequence[str], folder: Path) -> dict[str, Any] | None:
+def _general(hand: Hand, commands: Sequence[str], folder: Path) -> Experiment | None:
     if not commands:
         return None
     name = "rich_" + (commands[0] if len(commands) == 1 else "motion")
-    waypoints = everything() if len(commands) <= _FEW else a_little()
+    waypoints = everything() if len(commands) <= FEW_COMMANDS else a_little()
     path, reference = _written(motion(hand, commands, waypoints, name), name, folder, hand)
-    return {
-        "path": str(path),
-        "trajectory": reference,
-        "expected_difference_rad": None,
-        "separates": [],
-        "motion": "everything",
-        "considered": {},
-        "why": f"steps, two speeds, small reversals and holds on {', '.join(commands[:_FEW])}"
-        + (f" and {len(commands) - _FEW} more, one after another" if len(commands) > _FEW else ""),
-    }
+    return Experiment(
+        path=str(path),
+        trajectory=reference,
+        expected_difference_rad=None,
+        separates=(),
+        motion="everything",
+        why=f"steps, two speeds, small reversals and holds on {', '.join(commands[:FEW_COMMANDS])}"
+        + (f" and {len(commands) - FEW_COMMANDS} more, one after another" if len(commands) > FEW_COMMANDS else ""),
+    )
 
 
 def _term(finding: Finding) -> EffectTerm:
@@ -172,10 +172,10 @@ def motion(hand: Hand, commands: Sequence[str], waypoints: Waypoints, name: str)
     here = np.array([low + 0.1 * (high - low) for low, high in ranges])
     times, poses = [0.0, 0.5], [here.copy(), here.copy()]
     for column, (command, (low, high)) in enumerate(zip(commands, ranges, strict=True)):
-        slowest = 1.0 / (_OF_LIMIT * hand.velocity_limit_rad_s(command))
+        slowest = 1.0 / (SPEED_SHARE * hand.velocity_limit_rad_s(command))
         for share, seconds in [*waypoints, (0.1, 0.6)]:
             target = low + min(max(share, 0.0), 1.0) * (high - low)
-            duration = max(seconds, abs(target - here[column]) * slowest, 1.0 / _RATE_HZ)
+            duration = max(seconds, abs(target - here[column]) * slowest, 1.0 / EXPERIMENT_RATE_HZ)
             here[column] = target
             times.append(times[-1] + duration)
             poses.append(here.copy())
@@ -188,7 +188,7 @@ def _range(hand: Hand, command: str) -> tuple[float, float]:
     """The range of a command with a margin, at most 2 rad about its middle."""
     low, high = allowed_range(command, hand)
     low, high = max(low, -np.pi), min(high, 2.0 * np.pi)
-    middle, half = (low + high) / 2.0, min((high - low) / 2.0, _WIDEST_RAD / 2.0) * (1.0 - 2.0 * _MARGIN)
+    middle, half = (low + high) / 2.0, min((high - low) / 2.0, WIDEST_RAD / 2.0) * (1.0 - 2.0 * RANGE_MARGIN)
     return middle - half, middle + half
 
 
@@ -205,14 +205,14 @@ def predicted(twin: TwinModel, trajectory: Trajectory, joints: Sequence[str]) ->
     """Readings (n, k) of some joints under a trajectory that starts from rest, at 125 Hz."""
     signal = CommandSignal.from_trajectory(trajectory)
     step_s = float(twin.model.opt.timestep)
-    grid = np.arange(int(np.ceil((trajectory.duration_s + _SETTLE_S) / step_s)) + 1) * step_s
+    grid = np.arange(int(np.ceil((trajectory.duration_s + SETTLE_S) / step_s)) + 1) * step_s
     home = twin.model.qpos0[twin.qpos_adr]
-    controls = twin.controls(signal.names, signal.sample(grid - _SETTLE_S), twin.drive @ home)
+    controls = twin.controls(signal.names, signal.sample(grid - SETTLE_S), twin.drive @ home)
     start = np.linalg.pinv(twin.drive) @ controls[0]
     driven = np.any(twin.drive, axis=0)
     qpos = twin.initial_qpos(np.where(driven, start, home), controls[0])
     positions = roll_out([twin.model], controls[None], qpos[None])
-    time_s = _SETTLE_S + np.arange(int(trajectory.duration_s * _RATE_HZ)) / _RATE_HZ
+    time_s = SETTLE_S + np.arange(int(trajectory.duration_s * EXPERIMENT_RATE_HZ)) / EXPERIMENT_RATE_HZ
     read = twin.measurement.apply(twin.joints, resample(positions[:, :, twin.qpos_adr], step_s, time_s)[0])
     return read[:, [twin.joints.index(joint) for joint in joints]]
 

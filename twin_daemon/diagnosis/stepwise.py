@@ -1,4 +1,4 @@
-"""The ladder: diagnose, add the strongest finding, refit, and again, until nothing passes the gate.
+"""The ladder: diagnose, add the strongest finding, refit, and again, until nothing passes held-out validation.
 
 The first effects explain most: each part of the hand is given its own, the strongest first, before any is looked at
 again. Where several parts have been given one, before a joint is given a second one, or once a further one would not
@@ -10,19 +10,20 @@ joints, or a share of what they had at first: less only bends the laws of those 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from twin_daemon.calibration.calibrate import Calibration, calibrate
 from twin_daemon.calibration.spaces import load_space
-from twin_daemon.comparison.compare import raw_command_error
-from twin_daemon.diagnosis.diagnose import MOST_OF_IT, REFINEMENT, diagnose
-from twin_daemon.diagnosis.ladder import Ladder, Step, mean_error
+from twin_daemon.comparison.compare import compare_recording, mean_over_moving, pooled, raw_command_error
 from twin_daemon.diagnosis.refit import refit_effect, refit_parameters
-from twin_daemon.diagnosis.verdict import Diagnosis, Finding, VerdictName
+from twin_daemon.diagnosis.search import diagnose
+from twin_daemon.diagnosis.thresholds import MOST_OF_IT, REFINEMENT
+from twin_daemon.diagnosis.verdict import Diagnosis, Finding, Step, VerdictName
 from twin_daemon.effects import LIBRARY
 from twin_daemon.errors import BadInput
+from twin_daemon.estimation.estimate import Estimate
 from twin_daemon.executor import TimeLimit
 from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.submodel import parts
@@ -38,7 +39,39 @@ _TOGETHER = "with-effects"  # the space of all values
 Say = Callable[[str], None]
 
 
-def climb(
+@dataclass
+class Ladder:
+    """What the steps have come to. `twin` has all effects of the steps. `refused` are findings that did not hold."""
+
+    twin: TwinModel
+    steps: list[Step]
+    reason: str = ""
+    refused: list[str] = field(default_factory=list)
+    parameters_alone: tuple[float | None, float | None] = (None, None)
+    interrupted: bool = False
+    parameters: dict[str, Estimate] = field(default_factory=dict)
+
+    @property
+    def added(self) -> int:
+        """How many effects have been added."""
+        return sum(step.effect is not None for step in self.steps)
+
+    @property
+    def last_judged(self) -> Step:
+        """The last step that held-out motion has judged; the first where there is none."""
+        return next((s for s in reversed(self.steps) if s.holdout_mse_rad2 is not None), self.steps[0])
+
+    def spares(self, joints: Sequence[str]) -> bool:
+        """Whether none of some joints has been given an effect."""
+        return not any(set(joints) & set(step.joints) for step in self.steps if step.effect is not None)
+
+    def take_back(self, twin: TwinModel) -> None:
+        """Back to the beginning: what was added is listed with what did not hold."""
+        self.refused += [f"{step.effect}:{step.target}" for step in self.steps if step.effect is not None]
+        self.twin, self.steps, self.parameters = twin, self.steps[:1], {}
+
+
+def stepwise(
     twin: TwinModel,
     train: Sequence[Aligned],
     holdout: Sequence[Aligned],
@@ -57,19 +90,19 @@ def climb(
     the values are fitted to all of them, and nothing is left to judge that by. Ctrl-C ends it; the steps done are in
     the answer. Once `limit` is over nothing is looked at any more; what has been found until then is added.
     """
-    climber = _Climber(twin, train, holdout, limit or TimeLimit(), seed, say or (lambda _: None))
+    run = _Stepwise(twin, train, holdout, limit or TimeLimit(), seed, say or (lambda _: None))
     try:
-        climber.begin()
-        while climber.ladder.added < max_steps and climber.may_add and climber.climb_on():
+        run.begin()
+        while run.ladder.added < max_steps and run.may_add and run.step_on():
             pass
-        climber.end(whole)
+        run.end(whole)
     except KeyboardInterrupt:
-        climber.ladder.interrupted = True
-    return climber.told()
+        run.ladder.interrupted = True
+    return run.told()
 
 
-class _Climber:
-    """A climb under way. `_parts` is what the last diagnosis said of each; `_changed` are those that changed since."""
+class _Stepwise:
+    """The steps under way. `_parts` is what the last diagnosis said of each, `_changed` those that changed since."""
 
     def __init__(
         self,
@@ -101,7 +134,7 @@ class _Climber:
             alone = twin.changed(twin.terms.with_parameters(refit_parameters(twin, self._train)))
             self.ladder.parameters_alone = (mean_error(alone, self._train), mean_error(alone, self._holdout))
 
-    def climb_on(self) -> bool:
+    def step_on(self) -> bool:
         """One thing more: an effect, values fitted together, a look at what changed. False where nothing is left."""
         part, finding = self._strongest()
         if finding is None:
@@ -113,7 +146,7 @@ class _Climber:
         self._say(f"adding {finding.effect} at {finding.target}")
         twin, step = self._with(finding) or (None, None)
         if twin is None or step is None:
-            self.ladder.refused.append(_name(finding))
+            self.ladder.refused.append(finding.name)
             return True
         joints = finding.joints
         errors = [mean_error(each, self._train, joints) for each in (self._first, self.ladder.twin, twin)]
@@ -122,7 +155,7 @@ class _Climber:
         if self.ladder.added and not (halves and self.ladder.spares(joints)) and self._fitted_together():
             return True
         if self.ladder.added and not (halves or large):
-            self.ladder.refused.append(_name(finding))
+            self.ladder.refused.append(finding.name)
             return True
         self.ladder.twin = twin
         self._parts[part] = _with_its_finding(self._parts[part])
@@ -147,7 +180,7 @@ class _Climber:
             found = self._fit(whole, ())
             ladder.twin, ladder.parameters = ladder.twin.changed(found.terms), found.parameters
             last = self._step(None, {}, ladder.twin, whole, ())
-            ladder.steps.append(replace(last, together=True, verdict=ladder.steps[-1].verdict))
+            ladder.steps.append(last.model_copy(update={"together": True, "verdict": ladder.steps[-1].verdict}))
 
     def told(self) -> Ladder:
         """The ladder with the reason for its verdict."""
@@ -186,8 +219,8 @@ class _Climber:
 
     def _strongest(self) -> tuple[str, Finding | None]:
         """The finding with the most evidence, and its part."""
-        every = [(f.evidence, name, f) for name, d in self._parts.items() for f in d.findings]
-        left = [item for item in every if _name(item[2]) not in self.ladder.refused]
+        every = [(f.evidence_nats, name, f) for name, d in self._parts.items() for f in d.findings]
+        left = [item for item in every if item[2].name not in self.ladder.refused]
         return max(left, key=lambda item: item[:2])[1:] if left else ("", None)
 
     def _gravest(self) -> Diagnosis | None:
@@ -195,7 +228,7 @@ class _Climber:
 
     def _judged(self, step: Step) -> Step:
         gravest = self._gravest()
-        return replace(step, verdict=gravest.verdict if gravest is not None else "not_excited")
+        return step.model_copy(update={"verdict": gravest.verdict if gravest is not None else "not_excited"})
 
     # -- fits ----------------------------------------------------------------------------------------------
 
@@ -220,7 +253,7 @@ class _Climber:
         self._say("fitting the values of all effects and parameters together")
         ladder, found = self.ladder, self._fit(self._train, self._holdout)
         changed = ladder.twin.changed(found.terms)
-        step = replace(self._step(None, {}, changed), together=True)
+        step = self._step(None, {}, changed).model_copy(update={"together": True})
         better = step.better_than(ladder.steps[-1])
         if better:
             ladder.twin, ladder.parameters = changed, found.parameters
@@ -235,7 +268,7 @@ class _Climber:
         return calibrate(self.ladder.twin, train, holdout, load_space(_TOGETHER), "multi-start", seed=self._seed)
 
     def _worse_than_raw(self) -> bool:
-        """Whether held-out motion is predicted better by the command itself than by what has been climbed to."""
+        """Whether held-out motion is predicted better by the command itself than by what the steps have come to."""
         if not self.ladder.added or not self._holdout:
             return False
         raw = raw_command_error(self.ladder.twin, self._holdout)
@@ -265,12 +298,16 @@ class _Climber:
 def _with_its_finding(part: Diagnosis) -> Diagnosis:
     """What a diagnosis of a part said of it with its finding, until the part is looked at again."""
     settled = part.verdict in ("explained", "ambiguous")
-    return replace(part, findings=(), verdict="within_noise" if settled else part.verdict)
-
-
-def _name(finding: Finding) -> str:
-    return f"{finding.effect}:{finding.target}"
+    return part.model_copy(update={"findings": (), "verdict": "within_noise" if settled else part.verdict})
 
 
 def _finite(value: float | None) -> float | None:
     return value if value is not None and np.isfinite(value) else None
+
+
+def mean_error(twin: TwinModel, recordings: Sequence[Aligned], joints: Sequence[str] = ()) -> float | None:
+    """Mean squared error (rad^2) of the twin over the joints that move, or over some of them; None for no data."""
+    if not recordings:
+        return None
+    found = pooled([compare_recording(twin, r) for r in recordings])
+    return mean_over_moving(found, joints) if joints else mean_over_moving(found)

@@ -1,4 +1,4 @@
-"""The gate: an effect counts only if motion that it was not fitted to gets better by it."""
+"""The validation: an effect counts only if motion that it was not fitted to gets better by it."""
 
 from __future__ import annotations
 
@@ -8,19 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin_daemon.diagnosis.fit import Fit
-from twin_daemon.diagnosis.partfit import PartFit
+from twin_daemon.diagnosis.part_fit import PartFit
+from twin_daemon.diagnosis.thresholds import ADEQUATE_FLOORS, AS_BEFORE, BLOCK_S, FORGIVEN_OFFSET_RAD, RELATIVE_ERROR
 from twin_daemon.estimation.uncertainty import block_gain
 from twin_daemon.simulation.alignment import Aligned
-
-ADEQUATE = 3.0
-"""Held-out error over the floor (both squared) up to which a model is called right: wrong effects leave 9 and more."""
-
-RELATIVE = 0.06
-"""Part of a joint's error that a right effect may leave where that is more: laws differ in form. Wrong effects leave
-a fifth and more."""
-
-_AS_BEFORE = 1.5
-_BLOCK_S = 0.75
 
 
 @dataclass(frozen=True)
@@ -53,14 +44,16 @@ class HeldOut:
         return float((self.by_joint / self.allowed).max())
 
 
-class Gate:
+class Validation:
     """Held-out motion for one part, against which any of its fits is judged.
 
     What the recordings alone determine, such as the time step's error on them, is computed once for all fits.
     """
 
-    def __init__(self, part: PartFit, holdout: Sequence[Aligned], *, seed: int, first: Gate | None = None) -> None:
-        """`first` is the gate of the part before any effect was found."""
+    def __init__(
+        self, part: PartFit, holdout: Sequence[Aligned], *, seed: int, first: Validation | None = None
+    ) -> None:
+        """`first` is the validation of the part before any effect was found."""
         self._part = part
         self._holdout = holdout
         self._seed = seed
@@ -69,7 +62,7 @@ class Gate:
         base = part.held_out(part.base, holdout)
         self.allowed = self._allowed(base) if first is None else first.allowed
         self._before[()] = base
-        self._block = max(1, int(_BLOCK_S / float(np.median(np.diff(holdout[0].time_s)))))
+        self._block = max(1, int(BLOCK_S / float(np.median(np.diff(holdout[0].time_s)))))
 
     def judge(self, fit: Fit) -> HeldOut:
         """Compares a fit with the nuisances alone, both as fitted, on the held-out recordings.
@@ -98,8 +91,8 @@ class Gate:
     def _allowed(self, base: Sequence[np.ndarray]) -> np.ndarray:
         """(k,) floors: for joints that fit well what they leave anyway, for the others a part of that."""
         left, suspects = _left(base, self._known, self._part.floor), self._part.suspects
-        share = np.array([RELATIVE if joint in suspects else _AS_BEFORE for joint in self._part.joints])
-        return np.maximum(ADEQUATE, share * left)
+        share = np.array([RELATIVE_ERROR if joint in suspects else AS_BEFORE for joint in self._part.joints])
+        return np.maximum(ADEQUATE_FLOORS, share * left)
 
     def _squares(self, residuals: Sequence[np.ndarray]) -> np.ndarray:
         """(n,) mean over the joints of each measured sample's squared error, over all recordings."""
@@ -121,10 +114,7 @@ def _left(residuals: Sequence[np.ndarray], known: Sequence[np.ndarray], floor: n
         for joint in range(residual.shape[1]):
             series = residual[mask[:, joint], joint]
             if series.size:
-                offset = np.clip(series.mean(), -_OFFSET_RAD, _OFFSET_RAD)
+                offset = np.clip(series.mean(), -FORGIVEN_OFFSET_RAD, FORGIVEN_OFFSET_RAD)
                 total[joint] += float(((series - offset) ** 2).sum() / floor[joint])
                 count[joint] += series.size
     return total / np.maximum(count, 1)
-
-
-_OFFSET_RAD = 2e-3

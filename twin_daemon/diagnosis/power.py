@@ -8,20 +8,14 @@ import numpy as np
 
 from twin_daemon.diagnosis.candidates import Hypothesis, hypotheses
 from twin_daemon.diagnosis.fit import own_columns
-from twin_daemon.diagnosis.partfit import PartFit
+from twin_daemon.diagnosis.part_fit import PartFit
+from twin_daemon.diagnosis.thresholds import DECISIVE_NATS, MOST_UNDETECTABLE
 from twin_daemon.errors import BadInput
 from twin_daemon.estimation.posterior import Posterior
 from twin_daemon.executor import concurrently
 
-DECISIVE_NATS = 5.0
-"""Evidence between two candidates below which the data do not choose (odds of 150 to 1)."""
 
-_MOST_UNSEEN = 1.0 / 3.0
-"""Of the effects of a servo and its joint. On steps, two speeds and reversals a tenth stays unseen, on one slow closing
-a half."""
-
-
-def unseen(part: PartFit) -> list[str]:
+def undetectable(part: PartFit) -> list[str]:
     """The effects, weak ones, that would have drowned in what is uncertain anyway, if they are more than a third.
 
     Empty where the motion is rich enough. The power of a test: each effect at its weakest start, at the servos of the
@@ -43,7 +37,7 @@ def unseen(part: PartFit) -> list[str]:
         return False
 
     hidden = [h.name for h, is_hidden in zip(asked, concurrently(hides, asked), strict=True) if is_hidden]
-    return hidden if len(hidden) > _MOST_UNSEEN * len(asked) else []
+    return hidden if len(hidden) > MOST_UNDETECTABLE * len(asked) else []
 
 
 def _coarsely(part: PartFit, hypothesis: Hypothesis | None, values: dict[str, float]) -> np.ndarray:

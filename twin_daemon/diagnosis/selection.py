@@ -1,0 +1,212 @@
+"""Which effect a part is given next: candidates screened, raced, fitted in full, validated; ties looked at again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from twin_daemon.diagnosis.candidates import Hypothesis, hypotheses
+from twin_daemon.diagnosis.conclude import Accepted, Outcome
+from twin_daemon.diagnosis.fit import FirstFit, Fit, Start, is_idle, stands_out
+from twin_daemon.diagnosis.part_fit import PartFit
+from twin_daemon.diagnosis.screening import Screening
+from twin_daemon.diagnosis.thresholds import (
+    ALIKE,
+    COMPARABLE,
+    DECISIVE_NATS,
+    FINALISTS,
+    FIRST_FIT_ROLLOUTS,
+    FLOOR_CHI_SQUARE,
+    FULL_FIT_ROLLOUTS,
+    LOOKED_AT,
+    OTHERS_STARTS,
+    OWNERS_STARTS,
+    REFITTED,
+    SUSPECT_SIGMA,
+)
+from twin_daemon.diagnosis.validation import Validation
+from twin_daemon.diagnosis.verdict import Trial
+from twin_daemon.executor import TimeLimit, concurrently
+
+Say = Callable[[str], None]
+"""Called with one line whenever a candidate has been judged."""
+
+
+def next_effect(part: PartFit, validation: Validation, say: Say, outcome: Outcome, limit: TimeLimit) -> Accepted | None:
+    """One more effect for a part: the best that passes held-out validation, and what it cannot be told from."""
+    limit.check()
+    screening = Screening(part)
+    chosen = _shortlist(screening, part, outcome)
+    limit.check()
+    tried: dict[str, FirstFit] = {}
+    for first in concurrently(limit.checked(lambda entered: screening.first_fit(entered, FIRST_FIT_ROLLOUTS)), chosen):
+        before = tried.get(first.hypothesis.name)
+        tried[first.hypothesis.name] = first if before is None or first.cost < before.cost else before
+    first_fits = sorted(tried.values(), key=lambda first: first.cost)
+    if not first_fits:
+        return None
+    within = [first for first in first_fits if first.cost < COMPARABLE * first_fits[0].cost + screening.floor_cost]
+    # where nuisances reach the floor, costs differ by less than a first fit is good for
+    finalists = within[: 2 * FINALISTS if part.base.chi_square <= FLOOR_CHI_SQUARE else FINALISTS]
+    finalists += [r for r in within if r not in finalists and finalists[0].hypothesis.contains(r.hypothesis)]
+    for first in [r for r in first_fits if r not in finalists]:
+        gain = 0.5 * (screening.cost - first.cost)
+        behind = 0.5 * (first.cost - first_fits[0].cost)
+        reason = f"explains less: {behind:.0f} nats behind {first_fits[0].hypothesis.name}"
+        outcome.tried.append(_lost(first.hypothesis, gain, reason))
+        say(f"  {first.hypothesis.name}: {gain:.0f} nats, {behind:.0f} behind the best")
+    full = concurrently(limit.checked(lambda first: part.full_fit(first, FULL_FIT_ROLLOUTS)), finalists)
+    fits = sorted(((part.evidence_nats(fit), fit) for fit in full), key=lambda item: -item[0])
+    for evidence, fit in fits:
+        say(f"  {_named(fit)}: evidence {evidence:.0f} nats, {fit.chi_square:.1f} times the floor")
+    best: Accepted | None = None
+    simpler: Accepted | None = None
+    rivals: list[Accepted] = []
+    best_evidence = 0.0
+    for evidence, fit in fits:
+        hypothesis = fit.hypothesis
+        assert hypothesis is not None
+        judged = validation.judge(fit)
+        reason = None
+        if evidence <= DECISIVE_NATS:
+            reason = "adds less evidence than its parameters cost"
+        elif not stands_out(fit):
+            reason = "its value may as well be that of the model without it"
+        elif not judged.passes:
+            reason = f"does not help on held-out motion (gain {judged.gain:.0%}, interval reaches below 0)"
+        elif best is None:
+            best, best_evidence = Accepted(part, fit, judged), evidence
+            continue
+        elif simpler is None and judged.adequate and best.hypothesis.contains(hypothesis):
+            simpler = Accepted(part, fit, judged)
+            continue
+        elif best_evidence - evidence < decisive(best.fit) and (judged.adequate or not best.judged.adequate):
+            rivals.append(Accepted(part, fit, judged))
+            reason = "the data do not tell it from the best candidate"
+        else:
+            reason = f"explains less: {best_evidence - evidence:.0f} nats behind"
+        mse = float(np.mean([(r**2).mean() for r in fit.problem.joint_residuals(fit.point[None])]))
+        held = judged.mse_after
+        outcome.tried.append(_lost(hypothesis, evidence, reason, mse, held))
+    if best is None:
+        return None
+    if simpler is not None:
+        # both are right on held-out motion, and one is the other at a bound: the simpler is the answer
+        return replace(simpler, rivals=(*rivals, best))
+    return replace(best, rivals=tuple(rivals))
+
+
+def _lost(
+    hypothesis: Hypothesis, evidence: float, reason: str, mse: float | None = None, held: float | None = None
+) -> Trial:
+    return Trial(
+        effect=hypothesis.effect.key,
+        target=hypothesis.target,
+        evidence_nats=evidence,
+        fit_mse_rad2=mse,
+        holdout_mse_rad2=held,
+        lost_because=reason,
+    )
+
+
+def _named(fit: Fit) -> str:
+    return fit.hypothesis.name if fit.hypothesis else ""
+
+
+def decisive(best: Fit) -> float:
+    """Nats by which another candidate has to be behind: more where the best is itself not down at the noise."""
+    return max(DECISIVE_NATS, ALIKE * 0.5 * best.cost)
+
+
+def _worth_a_look(screening: Screening, screened: Sequence[Sequence[Start]], owners: set[str]) -> list[Start]:
+    """The starts that are rolled out as they are: from each point of the nuisances, those of its best candidates.
+
+    Where the nuisances fit best without it, the right effect may have little to add. So the points are not compared.
+    """
+    looked_at: list[Start] = []
+    for anchor in dict.fromkeys(start.anchor for starts in screened for start in starts):
+        worth = screening.left_at(anchor) - 2.0 * DECISIVE_NATS
+        here = [[start for start in starts if start.anchor == anchor] for starts in screened]
+        here = sorted((starts for starts in here if starts), key=lambda starts: starts[0].expected)
+        for rank, starts in enumerate(here):
+            own = starts[0].hypothesis.name in owners
+            if own or (rank < LOOKED_AT and starts[0].expected < worth):
+                looked_at += starts[: OWNERS_STARTS if own else OTHERS_STARTS]
+    return looked_at
+
+
+def _shortlist(screening: Screening, part: PartFit, outcome: Outcome) -> list[FirstFit]:
+    """Where to start the fits that are worth one: the best start of each candidate by the cost that it has.
+
+    What a nuisance stands in for is invisible beside it. Where nuisances alone reach the floor by deviating, only
+    effects at their joints are asked; elsewhere what they stand in for joins the best of the screening.
+    """
+    deviating = {name for name, sigma in part.base.deviations.items() if abs(sigma) > SUSPECT_SIGMA}
+    everything = hypotheses(part.twin, sorted(part.suspects, key=part.joints.index), whole_hand=True)
+    owners = [h for h in everything if h.speaks_for(part.twin)]
+    within_floor = part.base.chi_square <= FLOOR_CHI_SQUARE
+    near = {
+        part.group_of(variable.joints[0])
+        for variable in part.variables
+        if variable.name in deviating and variable.joints
+    }
+    asked = [h for h in everything if part.group_of(h.target) in near] if within_floor and near else everything
+    screened = [starts for starts in concurrently(screening.screen, asked) if starts]
+    looked_at = _worth_a_look(screening, screened, {h.name for h in owners})
+    entered = sorted((r for r in concurrently(screening.enter, looked_at) if r is not None), key=lambda r: r.cost)
+    # costs are compared from one point of the nuisances: what one has not moved yet is not a candidate's fault
+    by_anchor: dict[object, dict[str, FirstFit]] = {}
+    for first in entered:
+        by_anchor.setdefault(first.start.anchor, {}).setdefault(first.hypothesis.name, first)
+    chosen: list[FirstFit] = []
+    for best in by_anchor.values():
+        first = list(best.values())[:REFITTED]
+        # of two laws of which one is the other at a bound, the simpler is always asked, too
+        contained = {f"{key}:{r.hypothesis.target}" for r in first for key in r.hypothesis.effect.contains}
+        chosen += first + [r for name, r in best.items() if name in contained and r not in first]
+    names = {first.hypothesis.name for first in chosen}
+    for starts in screened:
+        hypothesis = starts[0].hypothesis
+        if hypothesis.name not in names:
+            gain = 0.5 * (screening.cost - starts[0].expected)
+            reason = "takes too little of the error away to be worth a fit"
+            outcome.tried.append(_lost(hypothesis, gain, reason))
+    return chosen
+
+
+def swap_rivals(
+    first: PartFit,
+    accepted: Sequence[Accepted],
+    evaluations: int,
+) -> list[Accepted]:
+    """The findings, each in turn with the best of itself and its rivals, all fitted together on the first part.
+
+    While something else is missing, a wrong law may look as good as the right one, because what is missing leaves more
+    than what tells the two apart. Beside all the others they are compared again.
+
+    A rival stays one where it is no further behind than is decisive for the best; of these the one with the most
+    evidence stands first, but for a law of which only its other parameters do anything, such as a spring without
+    stiffness. A richer law of the same kind is not asked, as it can only seem better.
+    """
+    found = list(accepted)
+    for index, item in enumerate(found):
+        asked = [rival for rival in item.rivals if not rival.hypothesis.contains(item.hypothesis)]
+        if not asked:
+            continue
+        choices = [item, *asked]
+        beside = [[*found[:index], choice, *found[index + 1 :]] for choice in choices]
+        # each begins where the nuisances were beside it: now they fit the effect that is to give way
+        starts = list(zip(beside, choices, strict=True))
+        fits = concurrently(lambda s: first.full_fit_together([a.fit for a in s[0]], evaluations, s[1].fit), starts)
+        evidence = [first.evidence_nats(joint[index]) for joint in fits]
+        most = max(range(len(choices)), key=evidence.__getitem__)
+        bar = evidence[most] - decisive(fits[most][index])
+        tied = [i for i, nats in enumerate(evidence) if i == most or nats > bar]
+        best = min(tied, key=lambda i: (is_idle(fits[i][index]), -evidence[i]))
+        close = tuple(choices[i] for i in tied if i != best)
+        richer = tuple(r for r in item.rivals if r not in asked) if best == 0 else ()
+        found = [replace(a, fit=fit) for a, fit in zip(beside[best], fits[best], strict=True)]
+        found[index] = replace(found[index], rivals=(*(replace(c, rivals=()) for c in close), *richer))
+    return found

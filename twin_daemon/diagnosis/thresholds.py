@@ -1,0 +1,83 @@
+"""Every number that a diagnosis decides by, beside those of estimation: its unit, what it does, where it comes from."""
+
+from __future__ import annotations
+
+from twin_daemon.estimation.thresholds import PARAMETER_SIGMA, Count, Threshold
+
+# -- candidates and their fits -------------------------------------------------------------------------------
+
+WIDER = Threshold(10.0, "1", "times an effect's own starts: how far a fit may go")
+COUNTED_NEARBY = Threshold(
+    1.15, "1", "as a factor: so far from its start where a value counts something, such as teeth"
+)
+TAKEN_AWAY = Threshold(1.9, "1", "times its starts: a model's own friction can be taken away once, not thirty times")
+LEAST_ALONG = Threshold(0.05, "1", "of a start: the nearest to neutral that a fit begins")
+FURTHEST_ALONG = Threshold(4.0, "1", "times a start's own values, along its secant")
+SCREENED_S = Threshold(8.0, "s", "of motion, where the model fails most: enough to rank candidates")
+LOOKED_AT = Count(15, "candidates", "that are rolled out from each point of the nuisances")
+REFITTED = Count(5, "candidates", "of them that are fitted on the screened motion")
+OWNERS_STARTS = Count(4, "starts", "rolled out of a candidate that stands for a nuisance")
+OTHERS_STARTS = Count(2, "starts", "rolled out of any other candidate")
+FINALISTS = Count(3, "candidates", "that are fitted on all motion; twice as many where nuisances reach the floor")
+COMPARABLE = Threshold(4.0, "1", "times the best cost: what is further off after its first fit is not fitted again")
+FIRST_FIT_ROLLOUTS = Count(14, "roll-outs", "of every candidate's first fit beside those of its derivatives")
+FULL_FIT_ROLLOUTS = Count(12, "roll-outs", "of a finalist's fit on all motion beside those of its derivatives")
+NUISANCE_ROLLOUTS = Count(12, "roll-outs", "of a round of the nuisances beside those of its derivatives")
+SETTLED = Threshold(0.95, "1", "of the cost before: a round that gains less is the last")
+GONE_FAR = Threshold(0.8, "1", "of its first cost: a descent that has come below it is taken up again")
+REFIT_ROUNDS = Count(6, "rounds", "of the fit of one named effect, with new derivatives each")
+REFIT_ROLLOUTS = Count(16, "roll-outs", "of each round, beside those of its derivatives")
+REFIT_STARTS = Count(2, "starts", "of a named effect that are descended from, the best of its own")
+COARSER_STEPS = Threshold(2.0, "1", "times the time step where differences of roll-outs are compared")
+FINER_STEP = Threshold(0.25, "1", "of the time step where held-out motion is judged")
+FOUND_SHARE = Threshold(0.5, "1", "of an effect's strength: its sigma while something else is still missing")
+FOUND_LEAST_SHARE = Threshold(0.01, "1", "of its range: the least such sigma")
+
+# -- verdicts ------------------------------------------------------------------------------------------------
+
+FLOOR_CHI_SQUARE = Threshold(1.6, "floors", "mean square of the residual up to which there is nothing to explain")
+SURE_FLOOR_SHARE = Threshold(0.8, "1", "of that: nuisances that reach it are not fitted further")
+SURE_FLOOR_SIGMA = Threshold(3.0, "sigma", "from its prior: nor may any of them be further")
+LEAST_SHARE_OF_ERROR = Threshold(0.04, "1", "of a part's error: joints with less are not suspected beside worse ones")
+SUSPECT_SIGMA = Threshold(3.0, "sigma", "of a nuisance from its prior: it may stand in for something")
+DEVIATING_SIGMA = Threshold(4.0, "sigma", "of a nuisance from its prior: something moves it")
+FORBIDDEN_SIGMA = Threshold(6.0, "sigma", "of a nuisance: no hand that is called the same; something is missing")
+DECISIVE_NATS = Threshold(5.0, "nats", "between two candidates below which data do not choose (odds of 150 to 1)")
+ALIKE = Threshold(0.1, "1", "of half the best cost: laws this close are not told apart by their form")
+REFINEMENT = Threshold(0.03, "1", "of the first error: what a second effect at the same place has to take away, or")
+MOST_OF_IT = Threshold(0.5, "1", "of what is left")
+MOST_EFFECTS = Count(3, "effects", "that a part of the hand is searched for")
+MOST_UNDETECTABLE = Threshold(
+    1.0 / 3.0, "1", "of a servo's effects: a tenth stays unseen on rich motion, a half on one slow closing"
+)
+
+# -- held-out validation -------------------------------------------------------------------------------------
+
+ADEQUATE_FLOORS = Threshold(3.0, "floors", "held-out mean square up to which a model is right: wrong effects leave 9")
+RELATIVE_ERROR = Threshold(0.06, "1", "of a joint's error that a right effect may leave: wrong ones leave a fifth")
+AS_BEFORE = Threshold(1.5, "1", "times what a joint left that fitted well: it may not get worse by more")
+BLOCK_S = Threshold(0.75, "s", "of motion in one block of a bootstrap: longer than residuals are correlated")
+FORGIVEN_OFFSET_RAD = Threshold(2e-3, "rad", "of a constant offset on held-out motion, not held against a model")
+
+# -- how sure an effect's value is ---------------------------------------------------------------------------
+
+VALUE_FLOOR = Threshold(0.02, "1", "of an effect's value: the least half-width of its interval")
+TORQUE_FLOOR = Threshold(
+    1.96 * 0.5 * PARAMETER_SIGMA, "1", "of a torque: seen as a part of the servo's stiffness, by the hidden suite"
+)
+
+# -- the next experiment -------------------------------------------------------------------------------------
+
+RANGE_MARGIN = Threshold(0.08, "1", "of a joint's range, kept at both ends")
+WIDEST_RAD = Threshold(2.0, "rad", "of travel, about the middle of a wider range")
+SPEED_SHARE = Threshold(0.8, "1", "of the velocity limit that a motion uses")
+SETTLE_S = Threshold(1.0, "s", "of rest before a motion whose predictions are compared")
+EXPERIMENT_RATE_HZ = Threshold(125.0, "Hz", "of the predicted readings: the hand's own rate")
+MOST_RIVALS = Count(3, "candidates", "that one experiment is to tell apart, beside the finding")
+FEW_COMMANDS = Count(4, "commands", "up to which each is moved at length")
+TELLING = Threshold(3.0, "floors", "of expected difference, rms: less is said to be little")
+
+# -- what is shown -------------------------------------------------------------------------------------------
+
+MOST_NAMED = Count(6, "effects", "named in a reason, of those that a motion could not have shown")
+WORST_SHOWN = Count(12, "rows", "of joints and conditions where the model fails most")
