@@ -98,6 +98,10 @@ def build(
             raise NoAnswer(f"NOT stopped: {error.line()}", todo=OWN_STOP) from None
         return live.stop_hand(_reason(body, "from the workbench"))
 
+    def release(body: dict[str, Any]) -> dict[str, Any]:
+        name, key = (str(body.get(part) or "") for part in ("name", "key"))
+        return hands.addressed(body.get("hand")).release_hand(_reason(body, ""), name, key)
+
     routes: list[BaseRoute] = [
         Route("/", index),
         Route(ENTER, enter, methods=["POST"]),
@@ -106,7 +110,7 @@ def build(
         WebSocketRoute("/live", stream_of(hands)),
         posting("/api/keep", lambda body: hands.addressed(body.get("hand")).keep()),
         posting(_STOP, stop),
-        posting("/api/release", lambda body: hands.addressed(body.get("hand")).release_hand(_reason(body, ""))),
+        posting("/api/release", release),
         *more,
         Mount("/static", StaticFiles(directory=_HERE / "static")),
     ]

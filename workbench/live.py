@@ -19,7 +19,7 @@ from bridges.guard import Guard
 from bridges.stopping import OWN_STOP, in_words, is_safe
 from twin_daemon.daemon.messages import MalformedPayload
 from twin_daemon.errors import BadInput, NoAnswer, TwinError
-from twin_daemon.gate.identity import keys_file, load_keyring
+from twin_daemon.gate.identity import keyring_of, keys_file, load_keyring
 from twin_daemon.hand import HandDescription
 from twin_daemon.resources import state_dir
 from workbench.window import Window
@@ -140,13 +140,18 @@ class Live:
         report = who_stops(self._session, self._description).stop(reason)
         return report | {"words": in_words(report), "safe": is_safe(report)}
 
-    def release_hand(self, reason: str) -> dict[str, Any]:
-        """The gate's answer to a release in the name of the operator whose key is here. Raises BadInput without one."""
-        path = keys_file(state_dir())
-        keyring = load_keyring(path)
-        name = next((name for name in keyring.names if keyring.role(name) == "operator"), None)
-        if name is None:
-            raise BadInput("no operator's key is here", where=path, todo="Release it with 'twin command release'")
+    def release_hand(self, reason: str, name: str = "", key: str = "") -> dict[str, Any]:
+        """The gate's answer to a release in the name of a person who gives his own key, for this one request; without
+        one, of the operator whose key is here. Raises BadInput where there is none."""
+        if key:
+            keyring = keyring_of(name, key)
+        else:
+            path = keys_file(state_dir())
+            keyring = load_keyring(path)
+            name = next((one for one in keyring.names if keyring.role(one) == "operator"), "")
+            if not name:
+                todo = "Give your name and your key, or release it with 'twin command release'"
+                raise BadInput("no operator's key is here", where=path, todo=todo)
         return Commander(self._there(), self._description, keyring, name).ask("release", reason=reason)
 
     def _there(self) -> zenoh.Session:

@@ -22,6 +22,7 @@ DEFAULT, FILE = "default", "file"
 OTHER_VARIABLES = {
     "TWIN_STATE_DIR": "folder of versions, recordings and the audit log; the platform's state folder without it",
     "TWIN_KEYS": "file of the identities and their secret keys; `keys.json` in the state folder without it",
+    "TWIN_AUTHORITY": "folder of the authority's certificate and key, such as a stick that is put away again",
     "TWIN_SECURITY": "folder of one identity's certificate, where it is not one of the state folder's",
     "TWIN_AS": "in whose name a command talks to the daemon, one of the identities",
     "TWIN_THREADS": "most cores that a fit or a diagnosis uses",

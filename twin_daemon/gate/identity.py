@@ -169,6 +169,17 @@ def load_keyring(path: Path) -> Keyring:
     return Keyring(read.identities)
 
 
+def keyring_of(name: str, key: str) -> Keyring:
+    """What somebody proves himself with who gives his name and his key. Whether both are right, the gate says.
+
+    Raises BadInput for what can be none; the message never quotes the key.
+    """
+    try:
+        return Keyring({}).changed(name.strip(), Identity(role="operator", key=key.strip().lower()))
+    except ValidationError:
+        raise BadInput("this is no key", allowed="64 hexadecimal digits, as in the key file") from None
+
+
 def _seen_by_others(path: Path) -> int:
     """The bits that a key file must not have. systemd's credentials show the service's own access as the group's."""
     folder = os.environ.get("CREDENTIALS_DIRECTORY")

@@ -37,7 +37,9 @@ export function start() {
   });
   needsAllowance(element("release"));
   works(element("release"), async () => {
-    const answer = await post("/api/release", { hand: facts.namespace, reason: element("release-reason").value });
+    const [reason, name, key] = ["reason", "name", "key"].map((part) => element(`release-${part}`).value);
+    element("release-key").value = ""; // it is for one request, and kept nowhere
+    const answer = await post("/api/release", { hand: facts.namespace, reason, name, key });
     say(answer.accepted ? "Released; not armed." : `Not released: ${answer.why}. ${answer.allowed ?? ""}`, answer.accepted ? "note" : "error");
     if (answer.accepted) element("release-reason").value = "";
   });
