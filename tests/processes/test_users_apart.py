@@ -134,6 +134,9 @@ def test_code_in_the_workbench_sees_what_was_recorded_and_commands_nothing(units
     status, opened = ask(f"/api/recording?recording={offer['id']}")
     assert (status, opened.get("samples", 0) > 0) == (200, True), opened
     assert ask("/api/versions")[0] == 200
+    status, refused = ask("/api/versions/promote", {"version": "nominal", "reason": "a test"})
+    assert status == 400, refused
+    assert "bug" not in refused["error"]
     status, refused = ask("/api/release", {"reason": "a test"})
     assert status == 400
     assert "no operator's key is here" in refused["error"]
