@@ -60,3 +60,31 @@ def test_what_calibrates_gives_way_to_the_loop() -> None:
         assert os.getpriority(os.PRIO_PROCESS, child.pid) == 19
         assert Path(f"/proc/{child.pid}/oom_score_adj").read_text().strip() == "1000"
         child.communicate(b"\n")
+
+
+def settings_of(name: str) -> dict[str, list[str]]:
+    """What a unit sets, each key with all of its values."""
+    lines = [line.strip() for line in (SYSTEMD / name).read_text().splitlines() if not line.startswith(("#", "["))]
+    found: dict[str, list[str]] = {}
+    for key, _, value in (line.partition("=") for line in lines if line):
+        found.setdefault(key, []).append(value)
+    return found
+
+
+def test_every_unit_has_a_user_of_its_own_and_the_daemons_alone_have_all_keys() -> None:
+    found = {name: settings_of(name) for name in SERVICES}
+    outside = {"twin-workbench.service": "workbench", "twin-bridge-ros2.service": "bridge"}
+    users = [found[name]["User"][0] for name in outside]
+    assert len({*users, *(one["User"][0] for name, one in found.items() if name not in outside)}) > len(users)
+    assert len(set(users)) == len(users)
+    made = (SYSTEMD / "twin-daemon.sysusers.conf").read_text()
+    for name, identity in outside.items():
+        one = found[name]
+        said = " ".join(one["Environment"])
+        assert one["User"] == one["Group"] == [f"twin-{identity}"]
+        assert f"u twin-{identity} " in made
+        assert "LoadCredential" not in one
+        assert f"TWIN_AS={identity}" in said
+        assert f"TWIN_SECURITY=/etc/twin_daemon/identities/{identity}" in said
+        assert "keys.json" not in said
+        assert "twin_daemon" not in one.get("StateDirectory", [])
