@@ -91,7 +91,8 @@ def _write_traceback(error: Exception) -> Path:
     for folder in (state_dir() / "log", Path(tempfile.gettempdir())):
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            (folder / name).write_text(text, encoding="utf-8")
+            with (folder / name).open("x", encoding="utf-8") as file:  # never through a link that is there already
+                file.write(text)
             return folder / name
         except OSError:
             continue
