@@ -16,6 +16,7 @@ from twin_daemon.hand import load_hand
 from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
 from twin_daemon.versions import Draft, VersionStore
+from workbench.allowance import looking_token
 
 NASTY = "<img src=x onerror=document.title='run'>"
 
@@ -159,3 +160,21 @@ def test_names_are_text_and_errors_are_said(
     tab.click("#said button")
     # a refused request is in the browser's console by the browser's own doing; nothing else is
     assert all("400" in line for line in tab.console), tab.console
+
+
+def test_a_page_of_another_machine_opens_with_its_address_and_not_without(workbench: Any, browser: Browser) -> None:
+    served = workbench("--bind", "0.0.0.0", "--name", "127.0.0.1")
+    port = served.address.rpartition(":")[2].partition("/")[0]
+    address, look = f"http://127.0.0.1:{port}/", f"#look={looking_token(served.token)}"
+    tab = browser.open(address)
+    tab.until("document.body.innerText.includes('needs an address with a token')")
+    tab.go("about:blank")
+    tab.go(address + "#look=wrong")
+    tab.until("document.body.innerText.includes('is not, or no longer')")
+    tab.go("about:blank")
+    tab.go(address + look)
+    tab.until("document.getElementById('release') !== null")
+    tab.until("location.hash === '' && document.getElementById('release').disabled")
+    tab.go("about:blank")
+    tab.go(f"{address}#token={served.token}")
+    tab.until("location.hash === '' && document.getElementById('release')?.disabled === false")
