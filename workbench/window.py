@@ -20,6 +20,7 @@ _MOST_A_FRAME = 4
 @dataclass(frozen=True)
 class Piece:
     """Samples after a cursor: `time_s` (n,) since `base_ns`, measured and predicted (n, j) rad, NaN where unknown.
+    `base_ns` is the stamp of the first sample since the stamps last started again.
 
     `cursor` is where the next piece begins. `fresh` says that what was sent before is no longer part of it.
     """
@@ -44,6 +45,7 @@ class Window:
         self._lock = threading.Lock()
         self._count = 0
         self._begin = 0  # the first sample since the stamps last started again
+        self._base_ns = 0  # its stamp, which outlives its place in the ring
 
     def measured(self, stamp_ns: int, names: Sequence[str], position: np.ndarray) -> None:
         """One joint state; it waits for its prediction. Names that the hand does not have are left out."""
@@ -60,6 +62,8 @@ class Window:
                 return
             if self._count > self._begin and stamp_ns <= self._stamp_ns[(self._count - 1) % _MOST_SAMPLES]:
                 self._begin = self._count
+            if self._count == self._begin:
+                self._base_ns = stamp_ns
             at = self._count % _MOST_SAMPLES
             self._stamp_ns[at] = stamp_ns
             self._values[0, at], self._values[1, at] = measured, self._in_order(names, position)
@@ -72,18 +76,17 @@ class Window:
         """
         with self._lock:
             first = max(self._begin, self._count - _MOST_SAMPLES, 0)
-            fresh = cursor < first or cursor > self._count or cursor == 0
+            fresh = cursor <= self._begin or cursor < first or cursor > self._count
             index = np.arange(first if fresh else cursor, self._count) % _MOST_SAMPLES
             if len(index):
                 index = index[self._stamp_ns[index] > self._stamp_ns[index[-1]] - KEPT_S * 1e9]
             frames = 20.0 * KEPT_S if fresh else 1.0
             index = index[self._thinned(index, int(frames * _MOST_A_FRAME))]
-            base_ns = int(self._stamp_ns[self._begin % _MOST_SAMPLES]) if self._count else 0
             return Piece(
                 cursor=self._count,
                 fresh=fresh,
-                base_ns=base_ns,
-                time_s=(self._stamp_ns[index] - base_ns) * 1e-9,
+                base_ns=self._base_ns,
+                time_s=(self._stamp_ns[index] - self._base_ns) * 1e-9,
                 measured=self._values[0, index],
                 predicted=self._values[1, index],
             )

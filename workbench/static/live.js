@@ -166,5 +166,7 @@ function tick(now) {
   }));
   frames = [...frames.filter((time) => time > now - 2000), now];
   element("strips-rate").textContent = `drawn ${Math.round(frames.length / 2)} times a second`;
+  document.documentElement.dataset.points = String(kept.t.length);
+  document.documentElement.dataset.spans = String((kept.t[at] ?? 0) - (kept.t[0] ?? 0));
   document.documentElement.dataset.frames = String(Number(document.documentElement.dataset.frames ?? 0) + 1);
 }
