@@ -12,6 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from twin_daemon.recordings.bag import Contents, read_topics
 from twin_daemon.recordings.mcap_chunks import ChunkedBag
+from twin_daemon.recordings.unfinished import Readable, readable
 from twin_daemon.recordings.unpacking import bound_rosbags
 from twin_daemon.yaml_files import MAX_BYTES, load_yaml
 
@@ -26,23 +27,32 @@ def storage_files(folder: Path) -> list[Path]:
 
 
 def read_ros2(path: Path) -> Contents:
-    """A folder with metadata.yaml, a folder of storage files, or one storage file."""
+    """A folder with metadata.yaml, a folder of storage files, or one storage file, of a killed recorder as well."""
     bound_rosbags()
     about = path / "metadata.yaml"
-    whole = path.is_file() or about.exists()
     if about.is_file():
         with about.open(encoding="utf-8") as text:
             load_yaml(text.read(MAX_BYTES + 1))  # within bounds, of which rosbags has none
-    paths = [path] if whole else storage_files(path)
     with ExitStack() as stack:
-        readers = [stack.enter_context(Reader(each)) for each in paths]
-        # what is read here is the same in every distribution
-        typestore = get_typestore(Stores.ROS2_JAZZY)
-        if chunked := ChunkedBag.of(readers):
-            return read_topics(chunked, typestore, ros1=False)
-        if len(readers) == 1:
-            return read_topics(readers[0], typestore, ros1=False)
-        return read_topics(_Chain(readers), typestore, ros1=False)
+        if about.exists():  # it is written when a recorder ends
+            files = [Readable(path)]
+        else:
+            files = [
+                stack.enter_context(readable(each)) for each in ([path] if path.is_file() else storage_files(path))
+            ]
+        contents = _read([stack.enter_context(Reader(each.path)) for each in files])
+    contents.notes += [each.note for each in files if each.note]
+    return contents
+
+
+def _read(readers: Sequence[Reader]) -> Contents:
+    # what is read here is the same in every distribution
+    typestore = get_typestore(Stores.ROS2_JAZZY)
+    if chunked := ChunkedBag.of(readers):
+        return read_topics(chunked, typestore, ros1=False)
+    if len(readers) == 1:
+        return read_topics(readers[0], typestore, ros1=False)
+    return read_topics(_Chain(readers), typestore, ros1=False)
 
 
 class _Chain:
