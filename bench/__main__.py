@@ -29,6 +29,7 @@ def main() -> int:
     parser.add_argument("--folder", type=Path, default=Path("docs"), help="where bench.json and bench.md are")
     parser.add_argument("--against", type=Path, help="an earlier bench.json")
     chosen = parser.parse_args()
+    chosen.folder.mkdir(parents=True, exist_ok=True)
     path = chosen.folder / "bench.json"
     before = results.read(chosen.against) if chosen.against else {}
     kept, measured = results.read(path), {}

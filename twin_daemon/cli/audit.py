@@ -47,7 +47,11 @@ def verify(
             todo="Keep the file as it is, and compare it with a copy",
         )
     torn = f", {found.torn} torn by a writer that was killed" if found.torn else ""
-    people(json).print(f"{found.entries} entries, whole{torn}; the last is {found.last[:16]}")
+    if not found.entries:
+        people(json).print(f"the audit log is empty, and whole{torn}")
+        return
+    entries = "1 entry" if found.entries == 1 else f"{found.entries} entries"
+    people(json).print(f"{entries}, whole{torn}; the hash of the last is {found.last[:16]}")
 
 
 @app.command("show")

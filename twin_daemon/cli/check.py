@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from twin_daemon.cli import options
-from twin_daemon.cli.console import emit_json, people, plain_text
+from twin_daemon.cli.console import counted, emit_json, people, plain_text
 from twin_daemon.cli.session import Session, open_session, require_folder
 from twin_daemon.cli.tables import by_kind, place_of, slim_table
 
@@ -109,7 +109,7 @@ def _show(report: dict[str, Any], json: str | None) -> None:
         rate = "unknown" if one["rate_hz"] is None else f"{one['rate_hz']:.1f} Hz"
         console.print(
             f"[bold]{plain_text(one['name'])}[/]: {one['duration_s']:.1f} s, {one['samples']} samples at {rate}, "
-            f"{len(one['moving_joints'])} of {one['joints']} joints move, "
+            f"{len(one['moving_joints'])} of {counted(one['joints'], 'joint')} move, "
             f"commands {'recorded' if one['commands'] else 'not recorded'}"
         )
         for warning in one["warnings"]:

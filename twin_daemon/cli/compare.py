@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from twin_daemon.cli import options
-from twin_daemon.cli.console import emit_json, people, plain_text
+from twin_daemon.cli.console import counted, emit_json, people, plain_text
 from twin_daemon.cli.session import open_session, require_folder
 from twin_daemon.cli.tables import slim_table
 
@@ -71,7 +71,7 @@ def _show(report: dict[str, Any], json: str | None) -> None:
     console.print(table)
     still = len(report["joints"]) - len(moving)
     console.print(
-        f"mean over the {len(moving)} joints that move ({still} are still): [bold]{report['mse_rad2']:.4g} rad²[/]"
+        f"mean over {counted(len(moving), 'moving joint')} ({still} still): [bold]{report['mse_rad2']:.4g} rad²[/]"
     )
     references = report["references"]
     for label, name in (("raw command", "raw_command"), ("last promoted version", "last_promoted")):

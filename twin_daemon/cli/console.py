@@ -59,3 +59,8 @@ def emit_json(path: str | Path | None, result: Any) -> None:
             "the folder for the JSON does not exist", where=target, todo=f"Create {target.parent} or name another path"
         )
     write_atomically(target, text.encode())
+
+
+def counted(count: int, word: str) -> str:
+    """A number with its word, which has an s unless it is one."""
+    return f"{count} {word}" if count == 1 else f"{count} {word}s"

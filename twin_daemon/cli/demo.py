@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from twin_daemon.cli.children import Children, free_port
-from twin_daemon.cli.console import emit_json, people, plain_text
+from twin_daemon.cli.console import counted, emit_json, people, plain_text
 from twin_daemon.cli.options import Json, Seed
 
 if TYPE_CHECKING:
@@ -195,7 +195,7 @@ def _worst(state: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
 def _table(state: dict[str, Any], left_s: float) -> Table:
     from rich.table import Table
 
-    table = Table(title=f"{state['fresh_joints']} joints fresh, {left_s:.0f} s left, largest residuals now")
+    table = Table(title=f"{counted(state['fresh_joints'], 'joint')} fresh, {left_s:.0f} s left, largest residuals now")
     table.add_column("joint")
     for column in ("measured rad", "predicted rad", "residual mrad"):
         table.add_column(column, justify="right")
@@ -211,7 +211,7 @@ def _table(state: dict[str, Any], left_s: float) -> Table:
 
 def _line(state: dict[str, Any]) -> str:
     worst = [f"{name} {1e3 * joint['residual_rad']:+.0f} mrad" for name, joint in _worst(state)[:3]]
-    return f"{state['fresh_joints']} joints fresh; largest residuals: {', '.join(worst) or 'none yet'}"
+    return f"{counted(state['fresh_joints'], 'joint')} fresh; largest residuals: {', '.join(worst) or 'none yet'}"
 
 
 def _compare(console: Console, found: dict[str, Any], live_before: float | None, live_after: float | None) -> None:

@@ -16,7 +16,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Literal
 
-from twin_daemon.cli.console import emit_json, people, plain_text
+from twin_daemon.cli.console import counted, emit_json, people, plain_text
 from twin_daemon.cli.options import Json
 from twin_daemon.cli.run import Endpoint
 
@@ -93,7 +93,9 @@ def _hand() -> Finding:
         hand = load_hand()
     except TwinError as error:
         return Finding("hand", "problem", error.line(), "Install the package again")
-    return Finding("hand", "ok", f"{hand.name}, {len(hand.joints)} joints, {len(hand.commands)} commands")
+    return Finding(
+        "hand", "ok", f"{hand.name}, {counted(len(hand.joints), 'joint')}, {counted(len(hand.commands), 'command')}"
+    )
 
 
 def _ros() -> Finding:

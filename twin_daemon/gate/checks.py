@@ -89,7 +89,9 @@ def may_command(asked: Asked, _: Situation) -> Refusal | None:
 def of_this_session(asked: Asked, situation: Situation) -> Refusal | None:
     if asked.session == situation.session:
         return None
-    return Refusal("session", "the request was made for another life of the gate", "the session that status tells")
+    return Refusal(
+        "session", "the gate was started again since this request was prepared", "the session that status tells"
+    )
 
 
 def in_order(asked: Asked, situation: Situation) -> Refusal | None:

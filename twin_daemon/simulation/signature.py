@@ -45,7 +45,10 @@ def signature(twin: TwinModel, key: str, target: str) -> Signature:
         raise BadInput(f"no effect '{key:.60}'", todo=nearest(key, list(LIBRARY)))
     effect, place = LIBRARY[key], twin.place(target)
     if not effect.applies(place):
-        raise BadInput(f"'{key}' acts on a {effect.acts_on}, and {place.target} is none", todo="Choose another place")
+        raise BadInput(
+            f"'{key}' acts on {'an' if effect.acts_on[0] in 'aeiou' else 'a'} {effect.acts_on}, not on {place.target}",
+            todo="Choose another place",
+        )
     # what acts on the whole hand is looked at where the hand moves first
     name = twin.actuators[0] if place.target == "hand" else place.target
     driver = twin.place(name).actuator

@@ -50,7 +50,7 @@ export async function open() {
   element("state").replaceChildren();
   await window_();
   element("opened").textContent = `${opened.name}: ${number(opened.seconds, 4)} s, ${opened.samples} samples at ${number(opened.rate_hz, 4)} Hz, `
-    + `${moving.length} joints move. ${opened.commands_recorded ? "Commands recorded." : "No commands recorded: the onset is estimated."} ${opened.notes.join(" ")} `
+    + `${moving.length === 1 ? "1 joint moves" : `${moving.length} joints move`}. ${opened.commands_recorded ? "Commands recorded." : "No commands recorded: the onset is estimated."} ${opened.notes.join(" ")} `
     + `Shown after ${((performance.now() - began) / 1e3).toFixed(1)} s.`;
   document.documentElement.dataset.opened = element("recording").value;
   await errors(mine);
@@ -198,7 +198,7 @@ async function errors(mine) {
   if (!found || mine !== generation) return;
   const names = Object.keys(found.joints);
   element("errors-caption").textContent = found.mse_rad2 === null ? "No joint moves by more than 0.05 rad: there is nothing to compare."
-    : `${milli(Math.sqrt(found.mse_rad2))} mrad rms over the ${names.length} joints that move`
+    : `${milli(Math.sqrt(found.mse_rad2))} mrad rms over ${names.length === 1 ? "the joint that moves" : `the ${names.length} joints that move`}`
       + `${other ? ` (second version: ${milli(Math.sqrt(other.mse_rad2))} mrad)` : ""}; the sensors' noise is ${milli(Math.sqrt(found.noise_floor_rad2), 2)} mrad`
       + `${found.onset_estimated ? `; the onset of the commands is estimated at ${number(found.onset_s, 4)} s` : ""}`;
   element("other-head").hidden = !other;

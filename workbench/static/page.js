@@ -26,7 +26,10 @@ export function made(tag, properties = {}, ...children) {
 export const row = (head, ...cells) => made("tr", {}, made("th", { scope: "row" }, head),
   ...cells.map((cell) => (cell instanceof Node ? made("td", {}, cell) : made("td", { className: "n" }, cell))));
 
+let said = 0; // how often something was said
+
 export function say(text, kind = "error") {
+  said += 1;
   const box = element("said");
   box.classList.toggle("note", kind === "note");
   box.firstElementChild.textContent = text;
@@ -59,7 +62,11 @@ export async function post(path, body = {}) {
 export function works(button, action) {
   button.addEventListener("click", async () => {
     button.disabled = true;
-    try { await action(); } catch (error) { say(error.message); } finally { button.disabled = false; }
+    const before = said;
+    try {
+      await action();
+      if (said === before) element("said").hidden = true; // an error of before is not one of what has gone well since
+    } catch (error) { say(error.message); } finally { button.disabled = false; }
   });
 }
 
