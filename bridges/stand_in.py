@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 import time
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import zenoh
@@ -17,20 +16,11 @@ from bridges.sources import Speaker
 from bridges.stop import Stoppable
 from twin_daemon.daemon.messages import JointSample, MalformedPayload
 from twin_daemon.hand import Hand, HandDescription, match
+from twin_daemon.plant import Hardware
 from twin_daemon.signals.trajectory import Trajectory
 
 _PAUSE_S = 0.5
 Entities = tuple[Speaker, Speaker, object]
-
-
-class Hardware(Protocol):
-    """What the stand-in needs of a plant."""
-
-    def set_targets(self, targets: dict[str, float]) -> None: ...
-
-    def advance(self, dt_s: float) -> None: ...
-
-    def measure(self) -> tuple[tuple[str, ...], np.ndarray, np.ndarray, np.ndarray]: ...
 
 
 @dataclass

@@ -47,6 +47,25 @@ def one_joint_silent(rig: Rig) -> Rig:
     return rig
 
 
+def unlikely(rig: Rig) -> Rig:
+    """A driver begins to tell degrees; the joint that is asked to move is another one."""
+    rig.arm()
+    rig.pose[rig.joints.index("rh_LFJ3")] = 2.0
+    rig.now_s += 0.1
+    rig.hear()
+    return rig
+
+
+def elsewhere(rig: Rig) -> Rig:
+    """Just now the hand was told to be 0.2 rad away, too slowly for a jump."""
+    rig.arm()
+    for angle in (0.1, 0.2):
+        rig.now_s += 0.04
+        rig.pose[rig.joints.index("rh_FFJ3")] = angle
+        rig.hear()
+    return rig
+
+
 SMALL = {"rh_FFJ3": 0.1}
 SCENARIOS: dict[tuple[str, str], Scenario] = {
     ("identity_proved", "arm"): lambda rig: rig.ask("arm", None, reason="x"),
@@ -59,6 +78,7 @@ SCENARIOS: dict[tuple[str, str], Scenario] = {
     ("has_reason", "arm"): lambda rig: rig.ask("arm", reason="  "),
     ("hand_is_heard", "arm"): lambda rig: silent(rig).ask("arm", reason="x"),
     ("hand_is_believed", "arm"): lambda rig: doubted(rig).ask("arm", reason="x"),
+    ("readings_can_be", "arm"): lambda rig: unlikely(rig).ask("arm", reason="x"),
     ("armed_by_asker", "disarm"): lambda rig: armed(rig).ask("disarm", BOB),
     ("holds_the_lease", "beat"): lambda rig: armed(rig).ask("beat", BOB),
     ("is_stopped", "release"): lambda rig: rig.ask("release", reason="x"),
@@ -71,6 +91,8 @@ SCENARIOS: dict[tuple[str, str], Scenario] = {
             "something_asked": lambda rig, verb=verb: armed(rig).ask(verb, targets={}),
             "finite": lambda rig, verb=verb: armed(rig).ask(verb, targets={"rh_FFJ3": float("nan")}),
             "joints_are_heard": lambda rig, verb=verb: one_joint_silent(rig).ask(verb, targets=SMALL),
+            "readings_can_be": lambda rig, verb=verb: unlikely(rig).ask(verb, targets=SMALL),
+            "starts_at_hand": lambda rig, verb=verb: elsewhere(rig).ask(verb, targets=SMALL),
             "inside_bounds": lambda rig, verb=verb: armed(rig).ask(verb, targets={"rh_WRJ2": 0.2}),
         }.items()
     },
@@ -81,6 +103,8 @@ SCENARIOS: dict[tuple[str, str], Scenario] = {
     ("holds_the_lease", "trajectory"): lambda rig: armed(rig).ask("trajectory", BOB, **plan([[0.0], [0.3]])),
     ("finite", "trajectory"): lambda rig: armed(rig).ask("trajectory", **plan([[0.0], [float("inf")]])),
     ("joints_are_heard", "trajectory"): lambda rig: one_joint_silent(rig).ask("trajectory", **plan([[0.0], [0.3]])),
+    ("readings_can_be", "trajectory"): lambda rig: unlikely(rig).ask("trajectory", **plan([[0.0], [0.3]])),
+    ("starts_at_hand", "trajectory"): lambda rig: elsewhere(rig).ask("trajectory", **plan([[0.0], [0.3]])),
     ("inside_bounds", "trajectory"): lambda rig: armed(rig).ask("trajectory", **plan([[0.0], [1.7]])),
     ("not_too_fast", "trajectory"): lambda rig: armed(rig).ask("trajectory", **plan([[0.0], [1.5]], 0.1)),
     ("no_collision", "trajectory"): lambda rig: armed(rig).ask(
@@ -102,6 +126,7 @@ def plan(rows: list[list[float]], seconds: float = 2.0) -> dict[str, Any]:
 
 def near_collision(rig: Rig) -> Rig:
     """The middle finger leans over to the first one."""
+    rig.now_s += 0.1
     rig.pose[rig.joints.index("rh_MFJ4")] = -0.3
     rig.hear()
     return armed(rig)
@@ -113,7 +138,8 @@ def without(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
 
     def take_out(name: str) -> None:
         left = lambda listed: tuple(check for check in listed if check.__name__ != name)  # noqa: E731
-        monkeypatch.setattr("twin_daemon.gate.gate.IDENTITY", left(checks.IDENTITY))
+        for table in ("IDENTITY", "BEGUN"):
+            monkeypatch.setattr(f"twin_daemon.gate.gate.{table}", left(getattr(checks, table)))
         for table in ("ALLOWED", "MOTION"):
             kept = {verb: left(listed) for verb, listed in getattr(checks, table).items()}
             monkeypatch.setattr(f"twin_daemon.gate.gate.{table}", kept)

@@ -1,4 +1,4 @@
-"""A finger of a running hand that meets something it cannot push away, and a daemon that notices."""
+"""A running hand with a finger that meets something and a sensor that lies, and a daemon that notices."""
 
 from __future__ import annotations
 
@@ -16,16 +16,20 @@ from twin_daemon.gate.audit import entries_of
 BLOCKED = "joint_stop:rh_FFJ3=1.2708,stiffness=30"
 
 
+REVERSED = "reversed:rh_MFJ3"
+
+
 @pytest.fixture
 def scene(twin: Any, tmp_path: Path, state_dir: Path, until: Any) -> Iterator[Scene]:
-    made = Scene(twin, tmp_path, state_dir, "--hidden", BLOCKED)
+    made = Scene(twin, tmp_path, state_dir, "--hidden", BLOCKED, "--fault", REVERSED)
     until(lambda: made.measured, 30.0)
     yield made
     made.close()
 
 
-def test_a_blocked_finger_ends_the_motion_and_is_let_go(scene: Scene, until: Any) -> None:
-    scene.armed(until)
+def test_blocked_finger_and_reversed_sensor_end_the_motion(scene: Scene, until: Any) -> None:
+    until(lambda: scene.heard(), 20.0)
+    assert scene.twin.run("command", "arm", "--reason", "a test")[0] == 0
     code, out, err = scene.twin.run("command", "move", "rh_FFJ3=1.2", "--json", "-")
     assert code == 4, out
     assert "rh_FFJ3" in err
@@ -39,6 +43,15 @@ def test_a_blocked_finger_ends_the_motion_and_is_let_go(scene: Scene, until: Any
     assert below_s - at_most_s < 0.3
     assert scene.sent[-1].position[0] == pytest.approx(scene.measured["rh_FFJ3"], abs=0.05)
     trips = [entry for entry in entries_of(scene.log) if entry["verb"] == "trip"]
-    assert [entry["check"] for entry in trips] == ["tracking"]
+    assert trips[0]["check"] in ("tracking", "frozen")
     armed = next(entry for entry in entries_of(scene.log) if entry["verb"] == "arm")
     assert "effort limit" in json.dumps(armed["warnings"])
+    # and one whose sensor counts the wrong way
+    assert scene.twin.run("command", "arm", "--reason", "a test")[0] == 0
+    code, _, err = scene.twin.run("command", "move", "rh_MFJ3=1.2", "--seconds", "1.5", "--json", "-")
+    assert code == 4
+    assert "reversed" in err
+    until(lambda: scene.commander().status()["moving"] is False)
+    sent = [one.position[one.names.index("rh_MFJ3")] for one in scene.sent if "rh_MFJ3" in one.names]
+    assert max(sent) < 1.0
+    assert min(sent) > -0.05

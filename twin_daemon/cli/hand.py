@@ -54,6 +54,10 @@ def command(
     take: Annotated[
         int, typer.Option("--take", metavar="N", min=0, help="With --output: another rich motion of the same hand.")
     ] = 0,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option("--fault", metavar="KIND[:joint]...", help="What its readings are: degrees, dead, reversed."),
+    ] = None,
     seed: Seed = 0,
     hand: HandName = None,
     model: Model = None,
@@ -69,19 +73,22 @@ def command(
     from bridges.session import choose_endpoint
     from bridges.stand_in import StandIn
     from bridges.stop import on_termination
-    from twin_daemon.plant import Plant, parse_hidden
+    from twin_daemon.plant import Faulty, Plant, parse_fault, parse_hidden
 
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
     chosen = load_named(hand, model, namespace)
     effects = [parse_hidden(text, chosen) for text in hidden or []]
+    faults = [parse_fault(text, chosen) for text in fault or []]
     plant = Plant(chosen, seed=seed, hidden=effects, spread=spread)
+    if output is not None and faults:
+        raise UsageError("--fault is for a live hand", todo="Leave --output away")
     if output is not None:
         write_recording(plant, trajectory, joint or [], output, seconds or 30.0, rate, take)
         return 0
     if joint:
         raise UsageError("--joint chooses what moves in a recording", todo="Give --output as well, or a --trajectory")
     motion = own_motion(chosen, trajectory)
-    stand_in = StandIn(plant, chosen.description, rate or chosen.description.rate_hz, motion)
+    stand_in = StandIn(Faulty(plant, faults), chosen.description, rate or chosen.description.rate_hz, motion)
     address = choose_endpoint(endpoint)
     with on_termination() as stop, Connection(address) as connection:
         log.info(

@@ -14,6 +14,7 @@ from twin_daemon.gate.identity import Who
 from twin_daemon.gate.limits import Limits
 from twin_daemon.gate.motion import Motion
 from twin_daemon.gate.preview import Collision
+from twin_daemon.gate.readings import RECENT_S, Doubt
 from twin_daemon.gate.settings import GateSettings
 
 NOTHING_SENT = "nothing was sent to the hand"
@@ -48,6 +49,9 @@ class Situation:
     limits: Limits
     settings: GateSettings
     setpoint: np.ndarray
+    given: np.ndarray  # bool: which commands the gate has under way already
+    away: Callable[[], np.ndarray]  # rad: farthest of the hand from `setpoint` in the last moments
+    doubts: list[Doubt]  # readings of the last moments that cannot be
     age_s: np.ndarray  # since each command's joints were last measured; infinite before the first time
     doubt: str | None = None  # why what is told of the hand may not be the hand's
 
@@ -165,6 +169,29 @@ def holds_the_lease(asked: Asked, situation: Situation) -> Refusal | None:
     return armed_by_asker(asked, situation)
 
 
+def readings_can_be(_: Asked, situation: Situation) -> Refusal | None:
+    if not situation.doubts:
+        return None
+    return Refusal("implausible", situation.doubts[0].why, "readings that can be, for half a second")
+
+
+def starts_at_hand(asked: Asked, situation: Situation) -> Refusal | None:
+    motion = asked.motion
+    if motion is None or not (fresh := motion.moved & ~situation.given).any():
+        return None
+    most_rad = situation.settings.start_tolerance_rad
+    away = np.where(fresh, situation.away(), 0.0)
+    i = int(np.argmax(away))
+    if away[i] <= most_rad:
+        return None
+    return Refusal(
+        "start",
+        f"the first command to {situation.limits.names[i]} would be {situation.setpoint[i]:.3f} rad, and in the last"
+        f" {RECENT_S:g} s it was read {away[i]:.3f} rad from there",
+        f"{most_rad:g} rad: a hand at rest, inside its limits, and one source of its states",
+    )
+
+
 def armed_by_asker(asked: Asked, situation: Situation) -> Refusal | None:
     """A lease whose session is lost can be ended in the same name: to disarm makes safe."""
     if situation.mode == "armed" and asked.who is not None and asked.who.name == situation.commander:
@@ -259,7 +286,7 @@ def _silence(what: str, age_s: float) -> str:
 IDENTITY: tuple[Check, ...] = (identity_proved, may_command, of_this_session, in_order, recent)
 """Whose request it is, before anything is computed for it."""
 ALLOWED: dict[str, tuple[Check, ...]] = {
-    "arm": (not_stopped, nobody_else, has_reason, hand_is_heard, hand_is_believed),
+    "arm": (not_stopped, nobody_else, has_reason, hand_is_heard, hand_is_believed, readings_can_be),
     "disarm": (armed_by_asker,),
     "beat": (holds_the_lease,),
     "stop": (),
@@ -270,13 +297,17 @@ ALLOWED: dict[str, tuple[Check, ...]] = {
     "target": (not_stopped, holds_the_lease),
 }
 """Whether the gate's mode allows it."""
-PLANNED: tuple[Check, ...] = (something_asked, finite, joints_are_heard, inside_bounds)
+PLANNED: tuple[Check, ...] = (something_asked, finite, joints_are_heard, readings_can_be, inside_bounds, starts_at_hand)
 MOTION: dict[str, tuple[Check, ...]] = {
     "move": (*PLANNED, not_too_fast, no_collision),
     "trajectory": (*PLANNED, not_too_fast, no_collision),
     "target": (*PLANNED, no_jump, no_collision),
 }
 """What a motion must pass. A rehearsal passes no other."""
+
+
+BEGUN: tuple[Check, ...] = (readings_can_be, starts_at_hand)
+"""What is asked again when a motion begins: the hand may have moved while it was planned."""
 
 
 def first_refusal(checks: tuple[Check, ...], asked: Asked, situation: Situation) -> Refusal | None:

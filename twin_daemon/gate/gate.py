@@ -18,12 +18,22 @@ import numpy as np
 
 from twin_daemon.errors import BadInput
 from twin_daemon.gate import told
-from twin_daemon.gate.checks import ALLOWED, IDENTITY, MOTION, Asked, Refusal, Situation, first_refusal, identity_proved
+from twin_daemon.gate.checks import (
+    ALLOWED,
+    BEGUN,
+    IDENTITY,
+    MOTION,
+    Asked,
+    Refusal,
+    Situation,
+    first_refusal,
+    identity_proved,
+)
 from twin_daemon.gate.expected import Expected
 from twin_daemon.gate.identity import Who
 from twin_daemon.gate.latch import Latch
 from twin_daemon.gate.lease import Lease, Sequences
-from twin_daemon.gate.let_go import LetGo
+from twin_daemon.gate.let_go import LetGo, Path
 from twin_daemon.gate.limits import limits_of
 from twin_daemon.gate.motion import Motion, commands_of, row_of
 from twin_daemon.gate.movement import Movement
@@ -97,9 +107,10 @@ class Gate:
         self._is_last = False  # whether the hand's last command was the gate's
         self._letting_go: LetGo | None = None
         self._doubt, self._doubt_s = "", -np.inf
+        self._path = Path(len(self.limits.names))
         self._number = self._stamp_ns = 0
         self._streamed_s = -np.inf
-        self._senses = Senses(twin, self.limits)
+        self._senses = Senses(twin, self.limits, settings)
         self.movement = Movement(twin.joints)
         self.use(self.foresight(twin))
 
@@ -217,6 +228,8 @@ class Gate:
         with self._lock:
             if refusal is None and generation != self._generation and asked.verb != "stop":
                 refusal = Refusal("changed", f"meanwhile the gate has changed: {self._ended or self._mode}")
+            if refusal is None and asked.motion is not None:
+                refusal = first_refusal(BEGUN, asked, self._situation(asked, now_s))
             try:
                 self._record(asked, refusal, now_s)
             except OSError as error:
@@ -247,9 +260,10 @@ class Gate:
                 self._lease = Lease(asked.who.name, asked.reason, now_s + asked.lease_s, now_s, asked.sequence)
             self._mode, self._ended = "armed", ""
             self._first_sent_s = -np.inf
+            self._path = Path(len(self.limits.names))
             if self._shaper.still:  # else the turns go on, and with them the time between two
                 self._last_turn_s = now_s
-            self._trips.tracking.forget()
+            self._trips.forget()
         elif asked.verb == "disarm":
             self._end(Trip("disarmed", "disarmed by its commander"), now_s, tell=False)
         elif asked.verb == "stop":
@@ -301,7 +315,7 @@ class Gate:
     def _forget(self) -> None:
         self._shaper.forget()
         self._expected.forget()
-        self._trips.tracking.forget()
+        self._trips.forget()
         self._letting_go = None
 
     def _expect(self, since_s: float, now_s: float) -> None:
@@ -310,8 +324,10 @@ class Gate:
             return
         if not self._expected.running:
             self._expected.begin(self._senses.pose, self._start())
+            self._trips.forget()
         self._expected.advance(self._shaper.position, since_s)
-        self._trips.tracking.sent(now_s, self._shaper.position.copy(), self._expected.reading)
+        self._path.add(self._shaper.position, self._senses.by_command())
+        self._trips.sent(now_s, self._shaper.position.copy(), self._expected.reading)
 
     def _move(self, dt_s: float, now_s: float) -> None:
         shaper, rest = self._shaper, np.full(len(self.limits.names), np.nan)
@@ -331,7 +347,7 @@ class Gate:
                 position, velocity = shaper.toward(rest, dt_s)
         shaper.take(position, velocity)
         # a motion is not done while the hand stays behind
-        if self._motion is not None and self._motion.over(position, shaper.still) and not self._trips.tracking.off:
+        if self._motion is not None and self._motion.over(position, shaper.still) and not self._trips.suspects:
             self._motion, self._ended = None, "done"
 
     def _send(self, now_s: float, wall_ns: int) -> Sendable | None:
@@ -373,7 +389,8 @@ class Gate:
         given = shaper.given
         rest = np.where(given, shaper.stopping(shaper.position, shaper.velocity), self._sent_row)
         heard = self._senses.ages_s(now_s) <= self.settings.state_timeout_s
-        found = LetGo(rest, np.where(heard, self._senses.by_command(), np.nan), self.limits.margin, now_s)
+        measured = np.where(heard & ~self._senses.doubted(now_s), self._senses.by_command(), np.nan)
+        found = LetGo(rest, measured, self.limits.margin, self._path.bounds(), now_s)
         if not given.any():
             if not self._is_last or not found.is_needed:
                 return
@@ -423,6 +440,7 @@ class Gate:
 
     def _situation(self, asked: Asked, now_s: float) -> Situation:
         held, name = self._held_by(asked), "" if asked.who is None else asked.who.name
+        start = self._start()
         return Situation(
             mode=self._mode,
             commander=None if self._lease is None else self._lease.name,
@@ -433,7 +451,10 @@ class Gate:
             last_sequence=self._sequences.last(name, held),
             limits=self.limits,
             settings=self.settings,
-            setpoint=self._start(),
+            setpoint=start,
+            given=self._shaper.given,
+            away=lambda: self._senses.farthest(start, now_s),
+            doubts=self._senses.doubts(now_s),
             age_s=self._senses.ages_s(now_s),
             doubt=self._doubt if now_s - self._doubt_s <= _DOUBT_S else None,
         )
@@ -455,6 +476,7 @@ class Gate:
             arrival_s=self._senses.arrivals_s(),
             age_s=self._senses.ages_s(now_s),
             effort=self._senses.effort,
+            doubts=self._senses.doubts(now_s),
         )
 
     def _record(self, asked: Asked, refusal: Refusal | None, now_s: float) -> None:
@@ -464,26 +486,15 @@ class Gate:
             streamed_s, self._streamed_s = self._streamed_s, now_s
             if now_s - streamed_s < _STREAM_S:
                 return  # a stream is recorded when it begins
-        warnings = (self._warnings(asked) or None) if refusal is None else None
+        warnings = self._warnings(asked, refusal) or None
         again = True if asked.verb == "stop" and self._mode == "stopped" else None
         self.witness(told.entry(asked, refusal) | {"warnings": warnings, "again": again})
 
-    def _warnings(self, asked: Asked) -> list[str]:
-        """What whoever arms has to know: which guard is not there."""
-        if asked.verb != "arm":
+    def _warnings(self, asked: Asked, refusal: Refusal | None) -> list[str]:
+        if asked.verb != "arm" or refusal is not None:
             return []
-        limits = self._trips.effort_limit
-        driven = [joint for info in self._hand.description.commands.values() for joint in info.joints]
-        without = [joint for joint in driven if joint not in limits]
-        silent = [joint for joint in limits if joint not in self._senses.effort]
-        found = []
-        if without:
-            which = "no joint has an" if not limits else f"{len(without)} of {len(driven)} joints have no"
-            found.append(f"{which} effort limit (gate.effort_limit): that a finger presses is noticed by its lag only")
-        if silent:
-            found.append(f"the hand tells no effort of {', '.join(silent)}: the limit set for it cannot trip")
-        return found
+        return told.warnings(self._hand, self._trips.effort_limit, self._senses.effort)
 
     def _answer(self, asked: Asked, refusal: Refusal | None, now_s: float) -> dict[str, Any]:
-        warnings = self._warnings(asked) if refusal is None else []
+        warnings = self._warnings(asked, refusal)
         return told.reply(asked, refusal) | {"warnings": warnings, "gate": self.status(now_s)}

@@ -6,33 +6,66 @@ import numpy as np
 
 _FOLLOWS_S = 0.5  # what was pressed springs back meanwhile
 _THERE_RAD = 1e-6
+_PROOF_RAD = 0.1
+
+
+class Path:
+    """What setpoints and readings (c,) rad have done since somebody armed.
+
+    A sensor is proven once its reading has gone along with a setpoint. Until then nothing is sent where no setpoint has
+    been: what the hand seems to do may be what a reversed sensor, or one in degrees, makes of it.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._sent, self._read, self._low, self._high = np.full((4, count), np.nan)
+        self._proven = np.zeros(count, dtype=bool)
+
+    def add(self, setpoint: np.ndarray, measured: np.ndarray) -> None:
+        fresh = np.isnan(self._sent)
+        self._sent, self._read = np.where(fresh, setpoint, self._sent), np.where(fresh, measured, self._read)
+        self._low, self._high = np.fmin(self._low, setpoint), np.fmax(self._high, setpoint)
+        sent, read = setpoint - self._sent, measured - self._read
+        went = np.sign(sent) * read
+        self._proven |= (np.abs(sent) >= _PROOF_RAD) & (went >= _PROOF_RAD) & (went <= 2.0 * np.abs(sent))
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Least and greatest setpoints that the readings may call for."""
+        free = self._proven | np.isnan(self._low)
+        return np.where(free, -np.inf, self._low), np.where(free, np.inf, self._high)
 
 
 class LetGo:
     """Where setpoints (c,) rad go that would come to `rest` while the hand is at `measured`: no farther from it than
     `margin` (c,), which holds the links up. NaN where nothing is known of the hand: there a setpoint stays at its rest.
 
-    For half a second the goals follow a hand that springs back, never the other way: a sensor that turned its sign
-    could otherwise swing them to and fro.
+    For half a second the goals follow a hand that springs back, never the other way and never out of the `bounds`.
     """
 
-    def __init__(self, rest: np.ndarray, measured: np.ndarray, margin: np.ndarray, now_s: float) -> None:
+    def __init__(
+        self,
+        rest: np.ndarray,
+        measured: np.ndarray,
+        margin: np.ndarray,
+        bounds: tuple[np.ndarray, np.ndarray],
+        now_s: float,
+    ) -> None:
         self._margin = margin
         self._until_s = now_s + _FOLLOWS_S
-        self.goal = _near(rest, measured, margin)
+        self._low, self._high = bounds
+        self.goal = self._near(rest, measured)
         self._way = np.sign(self.goal - rest)
         self.is_needed = bool((np.abs(self.goal - rest) > _THERE_RAD).any())
 
     def follow(self, measured: np.ndarray, now_s: float) -> np.ndarray:
         """The goals (c,) now."""
         if now_s < self._until_s:
-            farther = _near(self.goal, measured, self._margin)
+            farther = self._near(self.goal, measured)
             self.goal = np.where(self._way * (farther - self.goal) > 0.0, farther, self.goal)
         return self.goal
 
     def is_done(self, setpoint: np.ndarray, now_s: float) -> bool:
         return now_s >= self._until_s and not (np.abs(setpoint - self.goal) > _THERE_RAD).any()
 
-
-def _near(rest: np.ndarray, measured: np.ndarray, margin: np.ndarray) -> np.ndarray:
-    return measured + np.minimum(np.maximum(rest - measured, -margin), margin)
+    def _near(self, rest: np.ndarray, measured: np.ndarray) -> np.ndarray:
+        near = measured + np.minimum(np.maximum(rest - measured, -self._margin), self._margin)
+        return np.minimum(np.maximum(near, self._low), self._high)

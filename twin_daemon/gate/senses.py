@@ -7,33 +7,31 @@ from collections.abc import Mapping
 import numpy as np
 
 from twin_daemon.gate.limits import Limits
+from twin_daemon.gate.readings import Doubt, Readings
+from twin_daemon.gate.settings import GateSettings
 from twin_daemon.simulation.twin import TwinModel
 
-_BEYOND_RAD = 1.0  # of its range; no reading of a joint is farther out
 _SAG_RAD = 0.1  # a servo under load rests so far from its target
 
 
 class Senses:
     """By joint (j,) as measured, by command (c,) as the gate needs it."""
 
-    def __init__(self, twin: TwinModel, limits: Limits) -> None:
+    def __init__(self, twin: TwinModel, limits: Limits, settings: GateSettings) -> None:
         self._limits = limits
+        self._joints = twin.joints
+        self._readings = Readings(twin.hand, twin.joints, settings)
         self._heard = np.full(len(twin.joints), np.nan), np.full(len(twin.joints), -np.inf)
         self._told = np.full(len(limits.names), np.nan)
         self.effort: dict[str, float] = {}
-        low, high = np.array([twin.hand.joint_range_rad.get(name, (-np.inf, np.inf)) for name in twin.joints]).T
-        bounded = np.isfinite(high - low)
-        self._middle = np.where(bounded, 0.5 * (low + high), 0.0)
-        self._reach = np.where(bounded, 0.5 * (high - low) + _BEYOND_RAD, np.inf)
         parts = [[twin.joints.index(j) for j in info.joints] for info in twin.hand.description.commands.values()]
         self._parts = np.array([joint for joints in parts for joint in joints], dtype=int)
         self._firsts = np.cumsum([0, *map(len, parts[:-1])])
 
     def measured(self, position: np.ndarray, arrival_s: np.ndarray, effort: Mapping[str, float] | None) -> None:
-        """Takes over positions (j,) rad and their arrivals (j,) s. A reading that its joint cannot reach says nothing:
-        the joint grows old."""
-        with np.errstate(invalid="ignore"):
-            known = np.abs(position - self._middle) <= self._reach
+        """Takes over positions (j,) rad and their arrivals (j,) s, and judges whether they can be."""
+        self._readings.take(position, arrival_s)
+        known = np.isfinite(position)
         before, heard_s = self._heard
         # replaced as a whole, so that no reader needs a lock: the stream of joint states never waits for the gate
         self._heard = np.where(known, position, before), np.where(known, arrival_s, heard_s)
@@ -51,7 +49,23 @@ class Senses:
 
     def by_command(self) -> np.ndarray:
         """(c,) rad: the sum of each command's joints."""
-        return np.add.reduceat(self._heard[0][self._parts], self._firsts)
+        return self._summed(self._heard[0])
+
+    def _summed(self, joints: np.ndarray) -> np.ndarray:
+        return np.add.reduceat(joints[..., self._parts], self._firsts, axis=-1)
+
+    def doubts(self, now_s: float) -> list[Doubt]:
+        """Readings of the last moments that cannot be."""
+        return self._readings.doubts(now_s)
+
+    def doubted(self, now_s: float) -> np.ndarray:
+        """(c,) bool: the commands of the joints whose readings cannot be."""
+        wrong = {doubt.joint for doubt in self.doubts(now_s)}
+        return self._summed(np.array([float(joint in wrong) for joint in self._joints])) > 0.0
+
+    def farthest(self, start: np.ndarray, now_s: float) -> np.ndarray:
+        """(c,) rad: how far from `start` (c,) the hand was at most in the last moments."""
+        return np.abs(self._summed(self._readings.recent(now_s)) - start).max(axis=0, initial=0.0)
 
     def arrivals_s(self) -> np.ndarray:
         """(c,) when the older of each command's joints was heard, s."""

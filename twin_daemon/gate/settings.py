@@ -55,6 +55,15 @@ class GateSettings(BaseModel):
     jump_rad: float = Field(
         default=0.3, gt=0.0, description="farthest of a streamed target from where the hand is sent"
     )
+    implausible_speed: float = Field(
+        default=3.0,
+        ge=1.0,
+        le=100.0,
+        description="no reading changes faster than so many velocity limits",
+    )
+    start_tolerance_rad: float = Field(
+        default=0.15, gt=0.0, description="farthest of a first command from every state of the last 0.1 s"
+    )
     tracking_ratio: float = Field(
         default=3.0,
         ge=1.0,

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any
 
 from twin_daemon.gate.checks import Asked, Refusal
+from twin_daemon.hand import Hand
 
 
 def reply(asked: Asked, refusal: Refusal | None) -> dict[str, Any]:
@@ -36,3 +38,18 @@ def entry(asked: Asked, refusal: Refusal | None) -> dict[str, Any]:
         "motion": motion.name if motion is not None else None,
         "seconds": motion.duration_s if motion is not None else None,
     }
+
+
+def warnings(hand: Hand, limited: Collection[str], heard: Collection[str]) -> list[str]:
+    """What whoever arms has to know: which guard is not there. `limited` are the joints with an effort limit, `heard`
+    those whose effort the hand tells."""
+    driven = [joint for info in hand.description.commands.values() for joint in info.joints]
+    without = [joint for joint in driven if joint not in limited]
+    silent = [joint for joint in limited if joint not in heard]
+    found = []
+    if without:
+        which = "no joint has an" if not limited else f"{len(without)} of {len(driven)} joints have no"
+        found.append(f"{which} effort limit (gate.effort_limit): that a finger presses is noticed by its lag only")
+    if silent:
+        found.append(f"the hand tells no effort of {', '.join(silent)}: the limit set for it cannot trip")
+    return found

@@ -19,31 +19,33 @@ class Tracking:
 
     A command may be `tracking_ratio` times as far from its setpoint as the twin has been in the last quarter of a
     second, and its floor: noise and resolution of its sensors and what the site allows beside. Never farther than
-    `tracking_error_rad`.
+    `tracking_error_rad`. `blur` is what noise and resolution make of a joint at rest, `time_s` how long it may be off.
     """
 
     def __init__(self, hand: Hand, settings: GateSettings) -> None:
-        self._names = hand.commands
+        self.names = hand.commands
         self._ratio, self._most_rad = settings.tracking_ratio, settings.tracking_error_rad
         given = {_command(hand, name): limit for name, limit in settings.tracking.items()}
         limits = [given.get(name, TrackingLimit()) for name in hand.commands]
         joints = hand.description.joints
-        blur = [
-            sum(_NOISE * joints[j].noise_rad + joints[j].resolution_rad for j in info.joints)
-            for info in hand.description.commands.values()
-        ]
+        self.blur = np.array(
+            [
+                sum(_NOISE * joints[j].noise_rad + joints[j].resolution_rad for j in info.joints)
+                for info in hand.description.commands.values()
+            ]
+        )
         floor = [settings.tracking_floor_rad if one.floor_rad is None else one.floor_rad for one in limits]
-        self._floor = np.array(floor) + np.array(blur)
-        self._time_s = np.array([settings.tracking_time_s if one.time_s is None else one.time_s for one in limits])
+        self.floor = np.array(floor) + self.blur
+        self.time_s = np.array([settings.tracking_time_s if one.time_s is None else one.time_s for one in limits])
         self._past: deque[tuple[float, np.ndarray, np.ndarray]] = deque()
         self.forget()
 
     def forget(self) -> None:
         """A new motion begins at rest."""
         self._past.clear()
-        self._off_s = np.full(len(self._names), np.nan)  # arrival of the first measurement that was off
-        self._away = np.zeros(len(self._names))
-        self._allowed = np.zeros(len(self._names))
+        self._off_s = np.full(len(self.names), np.nan)  # arrival of the first measurement that was off
+        self._away = np.zeros(len(self.names))
+        self._allowed = np.zeros(len(self.names))
 
     @property
     def off(self) -> bool:
@@ -56,8 +58,8 @@ class Tracking:
         while self._past[0][0] < now_s - 4.0 * _MEMORY_S:
             self._past.popleft()
 
-    def look(self, measured: np.ndarray, arrival_s: np.ndarray) -> str | None:
-        """What a trip says, if a command has been off for too long."""
+    def look(self, measured: np.ndarray, arrival_s: np.ndarray) -> tuple[str, str] | None:
+        """The command that has been off for too long, if one has, and what a trip says of it."""
         if not self._past:
             return None
         heard_s = float(arrival_s.max())
@@ -65,17 +67,17 @@ class Tracking:
         setpoint = before[-1][1]
         lags = np.array([lag for at_s, _, lag in self._past if at_s >= heard_s - _MEMORY_S])
         lag = np.fmax.reduce(lags, axis=0, initial=0.0)
-        self._allowed = np.minimum(self._ratio * lag + self._floor, self._most_rad)
+        self._allowed = np.minimum(self._ratio * lag + self.floor, self._most_rad)
         self._away = np.abs(setpoint - measured)
         off = self._away > self._allowed
         self._off_s = np.where(off, np.where(np.isfinite(self._off_s), self._off_s, arrival_s), np.nan)
-        late = off & (arrival_s - self._off_s >= self._time_s)
+        late = off & (arrival_s - self._off_s >= self.time_s)
         if not late.any():
             return None
         i = int(np.argmax(np.where(late, self._away - self._allowed, -np.inf)))
         off_s = arrival_s[i] - self._off_s[i]
-        return (
-            f"{self._names[i]} is {self._away[i]:.2f} rad from where it was sent, for {off_s:.2f} s; its twin says "
+        return self.names[i], (
+            f"{self.names[i]} is {self._away[i]:.2f} rad from where it was sent, for {off_s:.2f} s; its twin says "
             f"{self._allowed[i]:.2f} rad at most"
         )
 

@@ -10,12 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin_daemon.errors import BadInput, nearest
+from twin_daemon.gate.readings import Doubt
+from twin_daemon.gate.response import Response
 from twin_daemon.gate.settings import GateSettings
 from twin_daemon.gate.tracking import Tracking
 from twin_daemon.hand import Hand, match
 
-PRESSES = frozenset({"tracking", "effort", "stopped"})
-"""Kinds of trips after which the hand lets go."""
+PRESSES = frozenset({"tracking", "frozen", "wrong_way", "too_far", "effort", "stopped"})
+"""Kinds of trips after which the hand lets go. Not where a reading cannot be: then none is believed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +34,7 @@ class Turn:
     arrival_s: np.ndarray
     age_s: np.ndarray
     effort: dict[str, float]
+    doubts: list[Doubt]
 
 
 @dataclass(frozen=True)
@@ -43,17 +46,34 @@ class Trip:
 
 
 class Trips:
-    """The trips; `tracking` remembers where the hand was sent. Raises BadInput for effort limits of no joint."""
+    """The trips; `tracking` and `response` remember where the hand was sent. Raises BadInput for effort limits of no
+    joint."""
 
     def __init__(self, hand: Hand, settings: GateSettings) -> None:
         self._settings = settings
         self.tracking = Tracking(hand, settings)
+        self.response = Response(self.tracking)
         self.effort_limit: dict[str, float] = {}
         for name, most in settings.effort_limit.items():
             joint = match(name, hand.joints)
             if joint is None:
                 raise BadInput(f"gate.effort_limit: no joint '{name}'", todo=nearest(name, hand.joints))
             self.effort_limit[joint] = most
+
+    def forget(self) -> None:
+        """What comes begins at rest."""
+        self.tracking.forget()
+        self.response.forget()
+
+    def sent(self, now_s: float, setpoint: np.ndarray, expected: np.ndarray) -> None:
+        """The setpoints (c,) in force from now on, and where the twin is, rad."""
+        self.tracking.sent(now_s, setpoint, expected)
+        self.response.sent(now_s, np.where(np.isfinite(setpoint), expected, np.nan))
+
+    @property
+    def suspects(self) -> bool:
+        """Whether the hand does not do what it should at the moment; a trip may come of it."""
+        return self.tracking.off or self.response.off
 
     def look(self, turn: Turn) -> Trip | None:
         """The first trip of this turn, if there is one."""
@@ -62,7 +82,9 @@ class Trips:
             self._standstill(turn),
             self._commander(turn),
             self._hand(turn),
+            self._implausible(turn),
             self._effort(turn),
+            self._response(turn),
             self._tracking(turn),
         )
         return next((trip for trip in found if trip is not None), None)
@@ -94,6 +116,17 @@ class Trips:
                 return Trip("effort", f"the effort of {joint} is {turn.effort[joint]:g}, at most {most:g} is allowed")
         return None
 
+    def _implausible(self, turn: Turn) -> Trip | None:
+        return Trip("implausible", turn.doubts[0].why) if turn.doubts else None
+
+    def _response(self, turn: Turn) -> Trip | None:
+        found = self.response.look(turn.measured, turn.arrival_s)
+        return None if found is None else Trip(found.kind, found.why)
+
     def _tracking(self, turn: Turn) -> Trip | None:
-        why = self.tracking.look(turn.measured, turn.arrival_s)
-        return None if why is None else Trip("tracking", why)
+        found = self.tracking.look(turn.measured, turn.arrival_s)
+        if found is None:
+            return None
+        command, why = found
+        cause = self.response.cause(command)
+        return Trip("tracking", why) if cause is None else Trip(cause.kind, f"{why}; {cause.why}")

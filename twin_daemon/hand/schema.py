@@ -35,6 +35,8 @@ class JointInfo(_Strict):
     """Quantisation step of the sensor; 0 where none can be seen."""
     velocity_limit_rad_s: Positive = 4.0
     acceleration_limit_rad_s2: Positive = 500.0
+    range_tolerance_rad: NotNegative = 0.2
+    """How far beyond its range a sound joint may read: sensors and end stops give a little."""
     hold_margin_rad: NotNegative = 0.01
     """How far the target stays ahead of the measured angle after a stop or a trip: what holds the link up."""
 

@@ -2,8 +2,21 @@
 
 from __future__ import annotations
 
+from .faults import FAULTS, Fault, Faulty, Hardware, parse_fault
 from .hidden import Hidden, parse_hidden
 from .kinds import FOREIGN, HIDDEN, Kind
 from .plant import Plant
 
-__all__ = ["FOREIGN", "HIDDEN", "Hidden", "Kind", "Plant", "parse_hidden"]
+__all__ = [
+    "FAULTS",
+    "FOREIGN",
+    "HIDDEN",
+    "Fault",
+    "Faulty",
+    "Hardware",
+    "Hidden",
+    "Kind",
+    "Plant",
+    "parse_fault",
+    "parse_hidden",
+]
