@@ -234,5 +234,5 @@ def _placed(law: type[Law], draft: Draft, random: np.random.Generator, weakest: 
         sensors = draft.robot.floor()
         reached = calibrated(one, draft.plant, draft.targets, draft.sound, draft.floor, wanted)
         if reached >= weakest:
-            return Hidden(one, reached, response(one, draft.plant.run(draft.targets, [one]) - draft.sound, sensors))
+            return Hidden(one, reached, response(one, draft.plant.run(draft.targets, [one]), draft.sound, sensors))
     return None

@@ -48,7 +48,7 @@ def truth(case: Case) -> dict[str, Any]:
         {
             "effect": hidden.law.key, "joints": list(hidden.law.places),
             "scope": "robot" if hidden.law.at == "robot" else "joint", "strength": round(hidden.strength, 4),
-            "over_sensors": round(hidden.over_sensors, 4), "ties": ties(hidden.law),
+            "over_sensors": round(hidden.over_sensors, 4), "ties": ties(hidden.law, hidden.strength),
             "parameters": {key: float(f"{value:.9g}") for key, value in hidden.law.values().items()},
         }
         for hidden in case.hidden

@@ -18,17 +18,30 @@ def rms(difference: np.ndarray) -> np.ndarray:
     return np.sqrt(np.mean(np.square(difference), axis=0))
 
 
-def response(law: Law, difference: np.ndarray, floor: np.ndarray) -> float:
+def response(law: Law, read: np.ndarray, sound: np.ndarray, floor: np.ndarray) -> float:
     """Rms of what the law changes in the readings (n, j), over the floor (j,) rad, at the place where it acts.
 
-    A tendon counts by the joint that shows it most, a load by the joint of its chain; a law of the whole robot by the
-    median joint, a tilt by the upper quartile, since gravity does not reach every joint.
+    `read` is with the law, `sound` without. Of a law of no library only that part counts which no simple law takes: an
+    offset, a spring, friction, inertia or a late command would be a fair name for the rest. A tendon counts by the
+    joint that shows it most, a load by the joint of its chain; a law of the whole robot by the median joint, a tilt by
+    the upper quartile, since gravity does not reach every joint.
     """
+    difference = read - sound
+    if law.foreign:
+        difference = np.column_stack([_beyond(*columns) for columns in zip(difference.T, sound.T, strict=True)])
     ratios = rms(difference) / floor
     if law.at == "robot":
         return float(np.quantile(ratios, 0.75 if law.key == "gravity_tilt" else 0.5))
     names = law.site.robot.joints
     return float(max(ratios[names.index(place)] for place in law.places if place in names))
+
+
+def _beyond(difference: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """(n,) what is left of a joint's difference after a regression on what simple laws do to a stiff servo's joint."""
+    speed = np.gradient(angle)
+    simple = np.column_stack([np.ones_like(angle), angle, speed, np.gradient(speed), np.sign(speed)])
+    simple /= np.linalg.norm(simple, axis=0) + 1e-12
+    return difference - simple @ np.linalg.lstsq(simple, difference, rcond=None)[0]
 
 
 def calibrated(
@@ -42,7 +55,7 @@ def calibrated(
     def ratio(log_size: float) -> float:
         law.size = float(np.exp(log_size))
         try:
-            return response(law, plant.run(targets, [law]) - sound, floor)
+            return response(law, plant.run(targets, [law]), sound, floor)
         except Unstable:
             return np.inf
 

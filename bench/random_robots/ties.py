@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from .laws import Law
 
 _SERVO = "a servo of stiffness kp answers a torque t by the angle t / kp: "
@@ -22,12 +24,25 @@ _PASSIVE: dict[str, dict[str, str]] = {
 }
 
 
-def ties(law: Law) -> dict[str, str]:
-    """Keys of the effects that cannot be told from the law where it is, each with its reason."""
+_TIMES = {"command_delay": "actuator_lag", "actuator_lag": "command_delay"}
+_UNSEEN = 1.0  # over the floor
+
+
+def ties(law: Law, strength: float) -> dict[str, str]:
+    """Keys of the effects that cannot be told from the law where it is, each with its reason.
+
+    `strength` is its rms response over the floor.
+    """
     found = dict(_ALWAYS.get(law.key, {}))
     robot, joint = law.site.robot, law.site.joint
     if len(robot.servos[robot.servo_of(joint)].joints) > 1:
         found |= _PASSIVE.get(law.key, {})
+    if law.key in _TIMES:
+        # a lag is a delay plus half its square times the acceleration
+        speed = np.gradient(law.site.command) * robot.rate_hz
+        quick = float(np.std(np.gradient(speed) * robot.rate_hz) / np.std(speed))  # rad/s
+        if 0.5 * next(iter(law.values().values())) * quick * strength < _UNSEEN:
+            found[_TIMES[law.key]] = "to first order both shift the motion in time; the second order is below the floor"
     sag = float(robot.gravity_load[joint])
     if law.key == "backlash" and sag < 1e-3 * law.site.kp * law.site.unit:
         found["dead_zone"] = "without a load a joint in its play and a servo in its silence both stay where they are"

@@ -72,7 +72,7 @@ def test_the_page_counts_what_is_right_and_what_is_surely_wrong() -> None:
 
 def test_a_diagnosis_that_does_not_end_is_stopped_and_counts_as_failed(tmp_path: Path) -> None:
     command = [sys.executable, "-c", "import time; time.sleep(60)"]
-    said = _answer(command, tmp_path / "said.json", tmp_path / "log.txt", 0.3)
+    said = _answer(command, tmp_path / "said.json", tmp_path / "log.txt", 0.1)
     assert said is not None
     assert (said["verdict"], said["findings"]) == ("failed", [])
     assert "not ended" in said["why"]

@@ -24,7 +24,8 @@ from bench.random_robots.motions import commands
 from bench.random_robots.plants import Plant, nominal
 from bench.random_robots.robots import Robot, draw_robot
 from bench.random_robots.score import outcome
-from bench.random_robots.strength import rms
+from bench.random_robots.strength import response, rms
+from bench.random_robots.ties import ties
 from bench.random_robots.trees import KINDS
 from twin_daemon.effects import LIBRARY as PRODUCT
 from twin_daemon.hand import load_hand
@@ -225,3 +226,25 @@ def test_what_is_right_follows_from_what_was_hidden(
     truth: dict[str, Any], said: dict[str, Any], right: bool, sure_and_wrong: bool
 ) -> None:
     assert outcome(truth, said) == {"right": right, "sure_and_wrong": sure_and_wrong}
+
+
+def test_of_a_foreign_law_only_that_counts_which_no_simple_law_takes() -> None:
+    _, _, sound, site = _small(False)
+    floor = np.full(sound.shape[1], 1e-3)
+    like_a_spring = sound.copy()
+    like_a_spring[:, site.joint] *= 1.05
+    strange = sound.copy()
+    strange[:, site.joint] += 0.01 * np.sin(40 * sound[:, site.joint])
+    eccentric = next(law for law in FOREIGN if law.key == "x_eccentric_sensor")(site, dice(0, "law"))
+    offset = next(forms[0] for forms in LIBRARY if forms[0].key == "sensor_offset")(site, dice(0, "law"))
+    assert response(eccentric, like_a_spring, sound, floor) < 0.1 < response(offset, like_a_spring, sound, floor)
+    assert response(eccentric, strange, sound, floor) > 3
+
+
+def test_a_short_delay_and_a_short_lag_are_a_tie_and_long_ones_are_none() -> None:
+    _, _, _, site = _small(False)
+    delay = next(forms[0] for forms in LIBRARY if forms[0].key == "command_delay")(site, dice(0, "law"))
+    delay.size = 1e-3
+    assert "actuator_lag" in ties(delay, 3.0)
+    delay.size = 1.0
+    assert "actuator_lag" not in ties(delay, 100.0)

@@ -72,6 +72,11 @@ class Law:
     claims: ClassVar[str] = ""
     """What only one law at a servo may take over: "servo" or "friction"."""
 
+    @property
+    def foreign(self) -> bool:
+        """Whether no library has the law."""
+        return self.key.startswith("x_")
+
     def __init__(self, site: Site, random: np.random.Generator) -> None:
         self.site = site
         self.size = 1.0

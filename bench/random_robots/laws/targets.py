@@ -78,7 +78,7 @@ class Stairs(_OnCommand):
     """A controller that reads its command only now and then and holds it."""
 
     key = "x_stair_commands"
-    sizes = (0.1, 2.0)
+    sizes = (0.3, 3.0)
 
     def shaped(self, track: np.ndarray, step_s: float) -> np.ndarray:
         every = max(1, round(self.size * 2 * self.longest_s / step_s))
