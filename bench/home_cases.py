@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from twin_daemon.effects import LIBRARY
+from twin_daemon.effects import BUILT_IN
 from twin_daemon.plant import FOREIGN, Hidden
 
 FINGER = ("FFJ0", "FFJ3", "FFJ4")
@@ -41,7 +41,7 @@ def _place(key: str) -> str:
 def singles() -> list[Case]:
     """Every effect of the library alone, mild and severe; each plant has other parameters."""
     out = []
-    for number, key in enumerate(sorted(LIBRARY)):
+    for number, key in enumerate(sorted(BUILT_IN)):
         for strength in ("mild", "severe"):
             joints = WRIST if key == "gravity_tilt" else FINGER
             hidden = (f"{key}{_place(key)}={strength}",)

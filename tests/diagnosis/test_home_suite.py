@@ -13,7 +13,7 @@ from bench.home_cases import Case, cases, conditions, planted
 from bench.home_page import page
 from bench.home_plant import main as make_recording
 from tests.diagnosis.conftest import called
-from twin_daemon.effects import LIBRARY
+from twin_daemon.effects import BUILT_IN
 from twin_daemon.hand import load_hand
 from twin_daemon.plant import FOREIGN, parse_hidden
 
@@ -55,7 +55,7 @@ def test_a_tie_is_settled_once_both_effects_of_a_joint_are_known(tmp_path: Path)
 
 def test_the_suite_has_every_effect_mild_and_severe_and_every_foreign_one() -> None:
     names = {case.name for case in cases()}
-    assert {f"{key}-{how}" for key in (*LIBRARY, *FOREIGN) for how in ("mild", "severe")} <= names
+    assert {f"{key}-{how}" for key in (*BUILT_IN, *FOREIGN) for how in ("mild", "severe")} <= names
     assert len(names) == len(cases())
 
 
@@ -72,7 +72,7 @@ def test_every_planted_value_is_one_that_the_library_can_say(case: Case) -> None
         return
     found = planted(type(hidden)(hidden.key, hidden.joint, 1.0))
     assert found is not None
-    assert found[0] in {parameter.name for parameter in LIBRARY[hidden.key].parameters}
+    assert found[0] in {parameter.name for parameter in BUILT_IN[hidden.key].parameters}
 
 
 def test_conditions_ask_the_same_of_other_plants_sensors_and_lengths() -> None:

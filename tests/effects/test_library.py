@@ -1,8 +1,10 @@
-"""Laws that hold for every effect of the library; a new effect is tested by being listed."""
+"""Laws that hold for every effect of the library; a new effect is tested by standing in their folder."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -10,10 +12,12 @@ import pytest
 import yaml
 
 from tests.effects.conftest import Bench, loaded_finger, rich_controls
-from twin_daemon.effects import LIBRARY
+from twin_daemon import effects
+from twin_daemon.effects import BUILT_IN, LIBRARY
 from twin_daemon.effects.mjcf_text import mjcf_text
 from twin_daemon.errors import BadInput
 from twin_daemon.hand import load_hand
+from twin_daemon.plant import HIDDEN
 from twin_daemon.simulation.rollout import roll_out
 from twin_daemon.simulation.terms import EffectTerm, Terms, load_terms
 from twin_daemon.simulation.twin import TwinModel
@@ -24,26 +28,38 @@ CONTRACT = {
     "gravity_tilt", "actuator_gain", "actuator_saturation", "actuator_lag", "rate_limit", "command_delay",
     "torque_ripple", "sensor_offset", "sensor_gain",
 }  # fmt: skip
-# A rigid link is a very stiff one, and it divides inertia and friction between two sides. See the effects' texts.
-NEUTRAL_WITHIN_RAD = {"tendon_elasticity": 5e-4, "backlash": 5e-4, "load_friction": 3e-3}
 VISIBLE_RAD = 1e-3
 SIZES = ("nq", "nv", "nu", "na", "nactuator", "nhistory", "nbody", "njnt", "ntendon", "neq", "npair", "nplastic")
 ON_MECHANICS = [key for key, effect in LIBRARY.items() if effect.acts_on != "sensor"]
-FRICTION = (
-    "viscous_friction",
-    "coulomb_friction",
-    "stribeck_friction",
-    "load_friction",
-    "hysteresis",
-    "backlash",
-    "tendon_elasticity",
-)
+DISSIPATIVE = [key for key, effect in LIBRARY.items() if effect.dissipative]
 
 every_effect = pytest.mark.parametrize("key", LIBRARY)
 
 
 def test_the_library_has_every_key_of_the_contract():
     assert set(LIBRARY) >= CONTRACT
+
+
+def test_the_library_is_what_stands_in_its_folder_by_rank():
+    files = {path.stem for path in Path(effects.__file__).parent.glob("*.py")}
+    assert set(BUILT_IN) <= files
+    ranks = [effect.rank for effect in BUILT_IN.values()]
+    assert ranks == sorted(set(ranks))
+
+
+def test_every_effect_that_comes_with_the_program_has_a_plant_that_shares_no_code_with_it():
+    assert set(BUILT_IN) <= set(HIDDEN)
+
+
+@every_effect
+def test_a_stronger_robot_is_searched_further(key: str, bench: Bench):
+    weak = bench.twin.scale("rh_FFJ3")
+    strong = replace(weak, kp=1e3 * weak.kp, inertia=1e3 * weak.inertia)
+    for parameter in LIBRARY[key].parameters:
+        (lower, upper), (far_lower, far_upper) = parameter.bounds(weak), parameter.bounds(strong)
+        assert far_lower <= lower < upper <= far_upper
+        assert parameter.limits[0] <= far_lower < far_upper <= parameter.limits[1]
+        assert (upper < far_upper) == (parameter.reach is not None)
 
 
 @every_effect
@@ -70,7 +86,7 @@ def test_neutral_values_change_nothing(key: str, bench: Bench):
     assert places
     for target in places:
         moved = bench.move(bench.with_effects((key, target, LIBRARY[key].neutral())))
-        np.testing.assert_allclose(moved, bench.still, rtol=0, atol=NEUTRAL_WITHIN_RAD.get(key, 1e-6))
+        np.testing.assert_allclose(moved, bench.still, rtol=0, atol=LIBRARY[key].neutral_within_rad)
 
 
 @every_effect
@@ -130,14 +146,14 @@ def test_the_plain_mjcf_moves_identically(key: str, bench: Bench):
 
 @pytest.mark.parametrize(("one", "other"), list(pairwise(ON_MECHANICS)))
 def test_the_order_of_adding_does_not_matter(one: str, other: str, bench: Bench):
-    if {one, other} == {"actuator_lag", "rate_limit"}:
+    if other in LIBRARY[one].excludes:
         pytest.skip("these two exclude each other")
     here = [(key, target, {}) for key in (one, other) for target in bench.places(key)[:2]]
     forward, backward = bench.with_effects(*here), bench.with_effects(*reversed(here))
     assert np.array_equal(bench.move(forward), bench.move(backward))
 
 
-@pytest.mark.parametrize("key", FRICTION)
+@pytest.mark.parametrize("key", DISSIPATIVE)
 def test_friction_never_adds_energy(key: str, bench: Bench):
     def let_go(spec) -> None:
         spec.option.gravity = np.zeros(3)
@@ -190,7 +206,8 @@ def test_an_effect_survives_being_stored(key: str, bench: Bench, tmp_path):
 def test_values_outside_physics_are_refused(key: str):
     effect = LIBRARY[key]
     for parameter in effect.parameters:
-        for beyond in (parameter.lower - 1.0, parameter.upper * 1.01 + 1.0, float("nan")):
+        lower, upper = parameter.limits
+        for beyond in (lower - 1.0, upper * 1.01 + 1.0, float("nan")):
             with pytest.raises(BadInput, match=parameter.name):
                 effect.complete({parameter.name: beyond})
     with pytest.raises(BadInput, match="no parameter"):

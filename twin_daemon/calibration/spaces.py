@@ -118,10 +118,11 @@ def _of_effects(twin: TwinModel, moving: Sequence[str]) -> list[EffectVariable]:
     for term in twin.terms.effects:
         joints = twin.joints_of(term.target)
         if set(joints) & set(moving):
+            scale = twin.scale(term.target)
             for p in LIBRARY[term.effect].parameters:
                 if not p.held:
                     start = term.values.get(p.name, p.default)
-                    variables.append(effect_variable(term.effect, term.target, p, (p.lower, p.upper), start, joints))
+                    variables.append(effect_variable(term.effect, term.target, p, p.bounds(scale), start, joints))
     return variables
 
 
@@ -146,8 +147,9 @@ def _of_named_value(
     for target in targets:
         if LIBRARY[key].applies(twin.place(target)):
             start = present.get((key, target), {}).get(name, parameter.neutral)
-            lower = parameter.lower if reach is None else max(parameter.lower, start - reach)
-            upper = parameter.upper if reach is None else min(parameter.upper, start + reach)
+            lower, upper = parameter.bounds(twin.scale(target if target != "hand" else twin.joints[0]))
+            if reach is not None:
+                lower, upper = max(lower, start - reach), min(upper, start + reach)
             variables.append(effect_variable(key, target, parameter, (lower, upper), start, twin.joints_of(target)))
     return variables
 

@@ -25,6 +25,7 @@ OTHER_VARIABLES = {
     "TWIN_AUTHORITY": "folder of the authority's certificate and key, such as a stick that is put away again",
     "TWIN_SECURITY": "folder of one identity's certificate, where it is not one of the state folder's",
     "TWIN_AS": "in whose name a command talks to the daemon, one of the identities",
+    "TWIN_EFFECTS": "folder of effects of your own, one file each; only you or root may write to it",
     "TWIN_THREADS": "most cores that a fit or a diagnosis uses",
     "TWIN_DEBUG": "1: a bug shows its traceback instead of one line",
 }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +10,6 @@ import numpy as np
 from twin_daemon.diagnosis.thresholds import COUNTED_NEARBY, LEAST_ALONG, TAKEN_AWAY, WIDER
 from twin_daemon.effects import LIBRARY
 from twin_daemon.effects.base import Effect, Parameter
-from twin_daemon.estimation.nuisances import OWN
 from twin_daemon.estimation.variables import EffectVariable, effect_variable
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.terms import EffectTerm
@@ -24,6 +23,8 @@ class Hypothesis:
     effect: Effect
     target: str
     starts: tuple[dict[str, float], ...]
+    bounds: Mapping[str, tuple[float, float]]
+    """Where each parameter is looked for here, in its unit."""
 
     @property
     def name(self) -> str:
@@ -43,22 +44,21 @@ class Hypothesis:
         for p in self.effect.parameters:
             lower, upper = self._box(p)
             if p.held:
-                lower, upper = (
-                    max(p.lower, complete[p.name] / COUNTED_NEARBY),
-                    min(p.upper, complete[p.name] * COUNTED_NEARBY),
-                )
+                lower = max(lower, complete[p.name] / COUNTED_NEARBY)
+                upper = min(upper, complete[p.name] * COUNTED_NEARBY)
             if lower < upper:
                 variables.append(effect_variable(self.effect.key, self.target, p, (lower, upper), complete[p.name]))
         return tuple(variables)
 
     def _box(self, p: Parameter) -> tuple[float, float]:
         values = [start[p.name] for start in self.starts]
-        if p.log and p.lower > 0:
-            return max(p.lower, min(values) / WIDER), min(p.upper, max(values) * WIDER)
+        lower, upper = self.bounds[p.name]
+        if p.log and lower > 0:
+            return max(lower, min(values) / WIDER), min(upper, max(values) * WIDER)
         above = max(max(v - p.neutral for v in values), 0.0) * WIDER
         # a model's own friction can be taken away once, not thirty times
-        below = max(max(p.neutral - v for v in values), 0.0) * (TAKEN_AWAY if self.effect.key in OWN else WIDER)
-        return max(p.lower, p.neutral - below), min(p.upper, p.neutral + above)
+        below = max(max(p.neutral - v for v in values), 0.0) * (TAKEN_AWAY if self.effect.competes_with else WIDER)
+        return max(lower, p.neutral - below), min(upper, p.neutral + above)
 
     def along(self, start: dict[str, float], amount: float) -> dict[str, float]:
         """The values this far along the line from neutral to a start; logarithmic parameters stay as they are."""
@@ -67,8 +67,8 @@ class Hypothesis:
         for p in self.effect.parameters:
             far = start[p.name]
             moved = far if p.log or p.held else p.neutral + amount * (far - p.neutral)
-            values[p.name] = float(min(max(moved, p.lower), p.upper))
-        return values
+            values[p.name] = moved
+        return self.clipped(values)
 
     def sensible(self) -> bool:
         """Whether the effect has anything to fit here."""
@@ -76,7 +76,7 @@ class Hypothesis:
 
     def speaks_for(self, twin: TwinModel) -> set[str]:
         """Names of the nuisances that this candidate itself moves."""
-        kind = OWN.get(self.effect.key)
+        kind = self.effect.competes_with
         return set() if kind is None else {f"{self.target}.{kind}"}
 
     def freed(self, twin: TwinModel, scales: Mapping[str, float]) -> list[dict[str, float]]:
@@ -99,7 +99,15 @@ class Hypothesis:
 
     def holds_offset(self) -> set[str]:
         """Joints whose reading's offset this candidate speaks for."""
-        return {self.target} if self.effect.key == "sensor_offset" else set()
+        return {self.target} if self.effect.stands_for == "offset" else set()
+
+    def clipped(self, values: Mapping[str, float]) -> dict[str, float]:
+        """The values within the bounds here: starts are scaled to the place, and a strong servo scales far."""
+        return {name: float(np.clip(value, *self.bounds[name])) for name, value in values.items()}
+
+    def starting(self, starts: Iterable[Mapping[str, float]]) -> Hypothesis:
+        """The same candidate with other starts, within the bounds."""
+        return replace(self, starts=tuple(self.effect.complete(self.clipped(start)) for start in starts))
 
 
 def hypotheses(twin: TwinModel, joints: Sequence[str], *, whole_hand: bool) -> list[Hypothesis]:
@@ -114,11 +122,16 @@ def hypotheses(twin: TwinModel, joints: Sequence[str], *, whole_hand: bool) -> l
         for target in targets:
             if (effect.key, target) in present or not effect.applies(twin.place(target)):
                 continue
-            starts = effect.starts(twin.scale(target if target != "hand" else joints[0]))
-            hypothesis = Hypothesis(effect, target, tuple(effect.complete(effect.clipped(s)) for s in starts))
+            hypothesis = candidate(effect, target, twin, joints[0])
             if hypothesis.sensible():
                 found.append(hypothesis)
     return found
+
+
+def candidate(effect: Effect, target: str, twin: TwinModel, joint: str) -> Hypothesis:
+    """An effect at a place with its usual starts; `joint` stands for the whole hand."""
+    scale = twin.scale(joint if target == "hand" else target)
+    return Hypothesis(effect, target, (), effect.bounds(scale)).starting(effect.starts(scale))
 
 
 def informed(
@@ -145,5 +158,4 @@ def informed(
         seen.append(gap[known][:, own].sum(axis=1))
     effect = hypothesis.effect
     starts = effect.suggested(twin.scale(hypothesis.target), np.concatenate(angles), np.concatenate(seen))
-    completed = tuple(effect.complete(effect.clipped(start)) for start in starts)
-    return replace(hypothesis, starts=completed) if completed else hypothesis
+    return hypothesis.starting(starts) if starts else hypothesis

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin_daemon.diagnosis.candidates import Hypothesis, informed
+from twin_daemon.diagnosis.candidates import Hypothesis, candidate, informed
 from twin_daemon.diagnosis.fit import Fit, as_fit, own_columns, own_estimates
 from twin_daemon.diagnosis.thresholds import REFIT_ROLLOUTS, REFIT_ROUNDS, REFIT_STARTS, SETTLED
 from twin_daemon.effects.base import Effect
@@ -179,8 +179,8 @@ def _descended(problem: Posterior) -> Fit:
 def _hypothesis(
     twin: TwinModel, effect: Effect, target: str, joint: str, start: Mapping[str, float] | None
 ) -> Hypothesis:
-    starts = effect.starts(twin.scale(joint if target == "hand" else target)) if start is None else (start,)
-    return Hypothesis(effect, target, tuple(effect.complete(s) for s in starts))
+    asked = candidate(effect, target, twin, joint)
+    return asked if start is None else replace(asked, starts=(effect.complete(start),))
 
 
 def _read(fit: Fit, hypothesis: Hypothesis) -> tuple[EffectTerm, dict[str, Estimate]]:

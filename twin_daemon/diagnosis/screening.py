@@ -135,7 +135,7 @@ class Screening:
             found.append(Start(hypothesis, values, None, self.cost - pull))
         for joint in hypothesis.holds_offset():
             # elsewhere a small offset is free: its candidate begins where that has gone
-            values = hypothesis.effect.clipped({hypothesis.effect.parameters[0].name: self._mean_residual(joint)})
+            values = hypothesis.clipped({hypothesis.effect.parameters[0].name: self._mean_residual(joint)})
             found.append(Start(hypothesis, hypothesis.effect.complete(values), None, 0.5 * self.cost))
         return sorted(found, key=lambda start: start.expected)
 

@@ -20,6 +20,8 @@ class ActuatorGain(Effect):
     key = "actuator_gain"
     title = "a weaker (or stronger) servo"
     acts_on = "actuator"
+    rank = 70
+    stands_for = "kp"
     parameters = (
         Parameter("factor", "1", 0.01, 100.0, 1.0, 0.6, "servo torque over the model's", log=True),
         Parameter("limit", "1", 0.01, 100.0, 1.0, 1.0, "the servo's torque limit over the model's", log=True),

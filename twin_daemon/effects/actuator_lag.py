@@ -19,6 +19,8 @@ class ActuatorLag(Effect):
     key = "actuator_lag"
     title = "the servo reacts slowly"
     acts_on = "actuator"
+    rank = 100
+    excludes = ("rate_limit",)
     parameters = (Parameter("tau", "s", 0.0, 2.0, 0.0, 0.03, "time constant of the filter on the command"),)
     story = Story(
         what="The command reaches the motor smoothed: it is followed with a time constant.",

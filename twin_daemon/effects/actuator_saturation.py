@@ -18,6 +18,7 @@ class ActuatorSaturation(Effect):
     key = "actuator_saturation"
     title = "the servo runs into a torque limit"
     acts_on = "actuator"
+    rank = 80
     parameters = (
         Parameter("limit", "N m", 1e-3, _UNLIMITED, _UNLIMITED, 0.15, "largest torque, either way", log=True),
     )

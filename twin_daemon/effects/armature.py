@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
+from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Story
 from twin_daemon.effects.edits import add_to_linear
 
 
@@ -15,8 +15,19 @@ class Armature(Effect):
     key = "armature"
     title = "more (or less) inertia of the motor"
     acts_on = "joint"
+    rank = 50
+    stands_for = "armature"
     parameters = (
-        Parameter("armature", "kg m2", -1.0, 1.0, 0.0, 0.002, "inertia beside the model's own; below 0 it has less"),
+        Parameter(
+            "armature",
+            "kg m2",
+            -1.0,
+            1.0,
+            0.0,
+            0.002,
+            "inertia beside the model's own; below 0 it has less",
+            reach=Reach("inertia", 100.0),
+        ),
     )
     story = Story(
         what="Inertia of the rotor and the gear, which turn faster than the joint.",

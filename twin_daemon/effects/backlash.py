@@ -27,6 +27,9 @@ class Backlash(Effect):
     key = "backlash"
     title = "play in the transmission"
     acts_on = "actuator"
+    rank = 220
+    dissipative = True
+    neutral_within_rad = 5e-4  # a rigid link is a very stiff one: see above
     parameters = (
         Parameter("gap", "rad", 0.0, 1.0, 0.0, 0.06, "angle that the motor turns at a reversal for nothing"),
         MOTOR_SHARE,

@@ -12,6 +12,10 @@ import numpy as np
 from twin_daemon.errors import BadInput, nearest
 
 ActsOn = Literal["joint", "tendon", "actuator", "sensor", "hand"]
+StandsFor = Literal["damping", "frictionloss", "armature", "kp", "offset"]
+"""What is uncertain about any nominal model: kinds of its parameters, and the constant offset of a joint's reading."""
+
+_FAR = 1e3  # times the bounds on a small robot
 
 
 @dataclass(frozen=True)
@@ -82,9 +86,21 @@ class Scale:
 
 
 @dataclass(frozen=True)
+class Reach:
+    """How far a value may be looked for at a place: so many times a quantity of its scale, in the value's unit."""
+
+    of: Literal["kp", "force_nm", "damping", "frictionloss", "inertia"]
+    times: float
+
+    def at(self, scale: Scale) -> float:
+        return self.times * getattr(scale, self.of)
+
+
+@dataclass(frozen=True)
 class Parameter:
     """One number of an effect. At `neutral` the effect changes nothing; `default` is a typical visible value.
 
+    `lower` and `upper` are its bounds on a small robot; with `reach` they are wider where the robot is stronger.
     `held` says that fits stay near where it is set: it counts something, and an error has many hollows over it.
     """
 
@@ -97,6 +113,21 @@ class Parameter:
     meaning: str
     log: bool = False
     held: bool = False
+    reach: Reach | None = None
+
+    def bounds(self, scale: Scale) -> tuple[float, float]:
+        """Where it is looked for at a place, in its unit."""
+        if self.reach is None:
+            return self.lower, self.upper
+        far = self.reach.at(scale)
+        return min(self.lower, -far) if self.lower < 0.0 else self.lower, max(self.upper, far)
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """What is accepted at all: beyond it no robot has such a value."""
+        if self.reach is None:
+            return self.lower, self.upper
+        return (_FAR * self.lower if self.lower < 0.0 else self.lower), _FAR * self.upper
 
 
 @dataclass(frozen=True)
@@ -113,8 +144,10 @@ class Story:
 class Effect(ABC):
     """One physical effect. A subclass is one file; its docstring names the mechanism and its source.
 
-    `confusable` lists keys that similar motion may not tell apart from it. `contains` lists simpler effects that
-    it becomes at a bound of its parameters; where both explain the data the simpler one is reported.
+    `rank` is its place in the library: cheaper explanations first, what rebuilds the transmission last, because it
+    divides what the others have written. `confusable` lists keys that similar motion may not tell apart from it.
+    `contains` lists simpler effects that it becomes at a bound of its parameters; where both explain the data the
+    simpler one is reported. `excludes` lists those that have no room beside it at one place.
     """
 
     key: ClassVar[str]
@@ -126,6 +159,14 @@ class Effect(ABC):
     contains: ClassVar[tuple[str, ...]] = ()
     amplitudes: ClassVar[tuple[str, ...]] = ()
     """The parameters that say whether the effect is there at all; the first one where none is named."""
+    rank: ClassVar[int] = 1000
+    dissipative: ClassVar[bool] = False
+    """Whether it only ever takes energy out of a motion."""
+    stands_for: ClassVar[StandsFor | None] = None
+    """What is uncertain about any nominal model and moves in its place: a fit of the effect holds it."""
+    excludes: ClassVar[tuple[str, ...]] = ()
+    neutral_within_rad: ClassVar[float] = 1e-6
+    """How far a motion may change by the effect at neutral values."""
 
     def __reduce__(self) -> tuple[Callable[[str], Effect], tuple[str]]:
         return _by_key, (self.key,)  # an effect is its key, in another process, too
@@ -167,17 +208,22 @@ class Effect(ABC):
             if name not in known:
                 raise BadInput(f"'{self.key}' has no parameter '{name}'", todo=nearest(name, known))
             parameter = known[name]
-            if not parameter.lower <= value <= parameter.upper:
+            lower, upper = parameter.limits
+            if not lower <= value <= upper:
                 raise BadInput(
                     f"{self.key}: {name} = {value:g} {parameter.unit} is outside physics",
-                    allowed=f"{parameter.lower:g} to {parameter.upper:g} {parameter.unit}",
+                    allowed=f"{lower:g} to {upper:g} {parameter.unit}",
                 )
         return {name: float(values.get(name, parameter.default)) for name, parameter in known.items()}
 
-    def clipped(self, values: Mapping[str, float]) -> dict[str, float]:
-        """The values within physics: starts are scaled to the place, and a strong servo scales far."""
-        known = {parameter.name: parameter for parameter in self.parameters}
-        return {name: float(min(max(v, known[name].lower), known[name].upper)) for name, v in values.items()}
+    def bounds(self, scale: Scale) -> dict[str, tuple[float, float]]:
+        """Where each parameter is looked for at a place, in its unit."""
+        return {parameter.name: parameter.bounds(scale) for parameter in self.parameters}
+
+    @property
+    def competes_with(self) -> str | None:
+        """The kind of nominal parameter that it stands for; None for none, and for the offset of a reading."""
+        return None if self.stands_for == "offset" else self.stands_for
 
     def neutral(self) -> dict[str, float]:
         """The values at which the effect changes nothing."""

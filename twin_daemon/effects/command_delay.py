@@ -21,6 +21,7 @@ class CommandDelay(Effect):
     key = "command_delay"
     title = "the command arrives late"
     acts_on = "actuator"
+    rank = 90
     parameters = (Parameter("delay", "s", 0.0, _LONGEST_S, 0.0, 0.02, "age of the command that the servo uses"),)
     story = Story(
         what="The servo uses a command that is some time old.",

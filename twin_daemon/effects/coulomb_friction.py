@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
+from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Story
 from twin_daemon.effects.edits import add_passive_motor, add_to_linear, servo_stiffness, stable_stiffness
 
 _FLOOR = 1e-9  # N m: the law divides by its torque
@@ -25,8 +25,20 @@ class CoulombFriction(Effect):
     key = "coulomb_friction"
     title = "more (or less) dry friction"
     acts_on = "joint"
+    rank = 40
+    stands_for = "frictionloss"
+    dissipative = True
     parameters = (
-        Parameter("friction", "N m", -5.0, 5.0, 0.0, 0.05, "dry friction beside the model's own; below 0 it has less"),
+        Parameter(
+            "friction",
+            "N m",
+            -5.0,
+            5.0,
+            0.0,
+            0.05,
+            "dry friction beside the model's own; below 0 it has less",
+            reach=Reach("kp", 0.5),
+        ),
         Parameter("sticking", "1", 0.0, 1.0, 1.0, 1.0, "part of it that holds for ever; the rest creeps at rest"),
     )
     story = Story(

@@ -27,6 +27,7 @@ class Coupling(Effect):
     key = "coupling"
     title = "the split of one tendon between two joints"
     acts_on = "tendon"
+    rank = 200
     parameters = (
         Parameter("preload", "N m", -2.0, 2.0, 0.0, 0.5, "torque that holds the distal joint open"),
         Parameter("spring_distal", "N m/rad", 0.0, 5.0, 0.0, 0.035, "spring that opens the distal joint"),

@@ -16,6 +16,7 @@ class GravityTilt(Effect):
     key = "gravity_tilt"
     title = "the hand stands tilted"
     acts_on = "hand"
+    rank = 120
     parameters = (
         Parameter("about_x", "rad", -np.pi, np.pi, 0.0, 0.4, "gravity turned about the world's x"),
         Parameter("about_y", "rad", -np.pi, np.pi, 0.0, 0.4, "gravity turned about the world's y"),

@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
+from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Story
 from twin_daemon.effects.edits import add_passive_motor, stable_stiffness
 
 _FLOOR = 1e-9  # N m: the law divides by its torque
@@ -25,9 +25,21 @@ class Hysteresis(Effect):
     key = "hysteresis"
     title = "hysteresis: the past motion leaves a pull"
     acts_on = "joint"
+    rank = 150
+    dissipative = True
     parameters = (
-        Parameter("torque", "N m", 0.0, 5.0, 0.0, 0.08, "torque at which it gives way"),
-        Parameter("stiffness", "N m/rad", 0.01, 100.0, 1.0, 1.0, "stiffness before it gives way", log=True),
+        Parameter("torque", "N m", 0.0, 5.0, 0.0, 0.08, "torque at which it gives way", reach=Reach("kp", 0.5)),
+        Parameter(
+            "stiffness",
+            "N m/rad",
+            0.01,
+            100.0,
+            1.0,
+            1.0,
+            "stiffness before it gives way",
+            log=True,
+            reach=Reach("kp", 10.0),
+        ),
     )
     story = Story(
         what="A part is bent by the motion until it slips; after a reversal it must be bent the other way first.",

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
+from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Story
 from twin_daemon.effects.edits import add_joint_tendon
 
 
@@ -17,8 +17,18 @@ class JointStop(Effect):
     key = "joint_stop"
     title = "an early or soft stop"
     acts_on = "joint"
+    rank = 170
     parameters = (
-        Parameter("stiffness", "N m/rad", 0.0, 1000.0, 0.0, 10.0, "stiffness of the stops; at 0 there are none"),
+        Parameter(
+            "stiffness",
+            "N m/rad",
+            0.0,
+            1000.0,
+            0.0,
+            10.0,
+            "stiffness of the stops; at 0 there are none",
+            reach=Reach("kp", 100.0),
+        ),
         Parameter("upper", "rad", -0.5, 3.0, 0.0, 0.8, "where it begins, this much before the upper end"),
         Parameter("lower", "rad", -0.5, 3.0, 0.0, 0.0, "where it begins, this much after the lower end"),
     )

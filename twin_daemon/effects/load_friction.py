@@ -31,6 +31,9 @@ class LoadFriction(Effect):
     key = "load_friction"
     title = "friction that grows with the load"
     acts_on = "joint"
+    rank = 190
+    dissipative = True
+    neutral_within_rad = 3e-3  # the shoe moves by its softness: see above
     parameters = (
         Parameter("coefficient", "1", 0.0, 0.8, 0.0, 0.2, "friction torque over the torque that the servo transmits"),
     )

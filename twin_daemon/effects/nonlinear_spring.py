@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
+from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Story
 from twin_daemon.effects.edits import add_joint_tendon
 
 
@@ -20,8 +20,11 @@ class NonlinearSpring(Effect):
     key = "nonlinear_spring"
     title = "a spring that stiffens"
     acts_on = "joint"
+    rank = 160
     parameters = (
-        Parameter("cubic", "N m/rad3", 0.0, 50.0, 0.0, 0.3, "torque at one radian from the centre"),
+        Parameter(
+            "cubic", "N m/rad3", 0.0, 50.0, 0.0, 0.3, "torque at one radian from the centre", reach=Reach("kp", 5.0)
+        ),
         Parameter("centre", "rad", -np.pi, np.pi, 0.0, 0.0, "angle at which it does not pull"),
     )
     story = Story(

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
+from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Story
 
 _TINY = 1e-9  # kg: a body without mass would be another structure
 _GYRATION_M = 0.005  # the load's own radius of gyration
@@ -19,7 +19,10 @@ class Payload(Effect):
     key = "payload"
     title = "a load on the link"
     acts_on = "joint"
-    parameters = (Parameter("mass", "kg", 0.0, 5.0, 0.0, 0.05, "mass at the far end of the joint's link"),)
+    rank = 60
+    parameters = (
+        Parameter("mass", "kg", 0.0, 5.0, 0.0, 0.05, "mass at the far end of the joint's link", reach=Reach("kp", 0.5)),
+    )
     story = Story(
         what="Mass that the model does not have: it weighs and it resists acceleration.",
         shows="The joint and those below it sag with gravity, and overshoot when they stop.",

@@ -20,6 +20,8 @@ class RateLimit(Effect):
     key = "rate_limit"
     title = "the command is limited in speed"
     acts_on = "actuator"
+    rank = 110
+    excludes = ("actuator_lag",)
     parameters = (
         Parameter("rate", "rad/s", 1e-2, _UNLIMITED, _UNLIMITED, 1.0, "fastest change of the set point", log=True),
     )

@@ -13,6 +13,7 @@ class SensorGain(Effect):
     key = "sensor_gain"
     title = "the sensor's scale is off"
     acts_on = "sensor"
+    rank = 20
     parameters = (Parameter("factor", "1", 0.2, 5.0, 1.0, 1.05, "reading over angle", log=True),)
     story = Story(
         what="Every reading is wrong by the same share of the angle.",

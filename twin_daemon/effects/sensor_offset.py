@@ -15,6 +15,8 @@ class SensorOffset(Effect):
     key = "sensor_offset"
     title = "the sensor's zero is off"
     acts_on = "sensor"
+    rank = 10
+    stands_for = "offset"
     parameters = (Parameter("offset", "rad", -np.pi, np.pi, 0.0, 0.03, "reading at angle 0"),)
     story = Story(
         what="Every reading is wrong by the same angle.",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
+from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Story
 from twin_daemon.effects.edits import add_joint_tendon
 
 _SLACK = 1e-8  # N m/rad: the weakest spring that can still hold a preload
@@ -17,9 +17,21 @@ class Spring(Effect):
     key = "spring"
     title = "a spring or a constant pull at the joint"
     acts_on = "joint"
+    rank = 130
     parameters = (
-        Parameter("stiffness", "N m/rad", 0.0, 50.0, 0.0, 0.3, "stiffness beside the model's own"),
-        Parameter("preload", "N m", -5.0, 5.0, 0.0, 0.05, "torque at angle 0; above 0 it turns towards larger angles"),
+        Parameter(
+            "stiffness", "N m/rad", 0.0, 50.0, 0.0, 0.3, "stiffness beside the model's own", reach=Reach("kp", 5.0)
+        ),
+        Parameter(
+            "preload",
+            "N m",
+            -5.0,
+            5.0,
+            0.0,
+            0.05,
+            "torque at angle 0; above 0 it turns towards larger angles",
+            reach=Reach("kp", 0.5),
+        ),
     )
     story = Story(
         what="A torque that depends on the angle alone: a constant pull and a part in proportion to the angle.",

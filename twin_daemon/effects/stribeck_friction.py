@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
+from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Story
 from twin_daemon.effects.edits import add_passive_motor, servo_stiffness, stable_stiffness
 
 _FLOOR = 1e-9  # N m: LuGre divides by its friction
@@ -24,8 +24,12 @@ class StribeckFriction(Effect):
     key = "stribeck_friction"
     title = "friction that is highest at rest (stick-slip)"
     acts_on = "joint"
+    rank = 140
+    dissipative = True
     parameters = (
-        Parameter("breakaway", "N m", 0.0, 5.0, 0.0, 0.1, "friction at rest beside the model's own"),
+        Parameter(
+            "breakaway", "N m", 0.0, 5.0, 0.0, 0.1, "friction at rest beside the model's own", reach=Reach("kp", 0.5)
+        ),
         Parameter("velocity", "rad/s", 1e-3, 100.0, 0.1, 0.1, "speed at which a third of it is left", log=True),
     )
     story = Story(

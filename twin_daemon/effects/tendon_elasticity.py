@@ -20,6 +20,9 @@ class TendonElasticity(Effect):
     key = "tendon_elasticity"
     title = "an elastic tendon"
     acts_on = "actuator"
+    rank = 210
+    dissipative = True
+    neutral_within_rad = 5e-4  # a rigid link is a very stiff one: see above
     parameters = (
         Parameter("stiffness", "N m/rad", 0.1, _RIGID, _RIGID, 20.0, "stiffness between motor and joint", log=True),
         MOTOR_SHARE,

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
+from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Story
 from twin_daemon.effects.edits import add_passive_motor
 
 _FEWEST, _MOST = 3.0, 120.0  # waves a turn that are looked for
@@ -21,8 +21,9 @@ class TorqueRipple(Effect):
     key = "torque_ripple"
     title = "a torque that comes and goes with the angle"
     acts_on = "actuator"
+    rank = 180
     parameters = (
-        Parameter("amplitude", "N m", 0.0, 5.0, 0.0, 0.1, "largest torque"),
+        Parameter("amplitude", "N m", 0.0, 5.0, 0.0, 0.1, "largest torque", reach=Reach("kp", 0.5)),
         Parameter("phase", "rad", -2.0 * np.pi, 2.0 * np.pi, 0.0, 0.0, "phase at angle 0"),
         Parameter("periods", "1/turn", 1.0, 500.0, 24.0, 24.0, "waves a turn of the joint", held=True),
     )

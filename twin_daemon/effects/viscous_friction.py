@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
+from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Story
 from twin_daemon.effects.edits import add_to_linear
 
 
@@ -15,8 +15,20 @@ class ViscousFriction(Effect):
     key = "viscous_friction"
     title = "more (or less) viscous friction"
     acts_on = "joint"
+    rank = 30
+    stands_for = "damping"
+    dissipative = True
     parameters = (
-        Parameter("damping", "N m s/rad", -20.0, 20.0, 0.0, 0.1, "damping beside the model's own; below 0 it has less"),
+        Parameter(
+            "damping",
+            "N m s/rad",
+            -20.0,
+            20.0,
+            0.0,
+            0.1,
+            "damping beside the model's own; below 0 it has less",
+            reach=Reach("kp", 1.0),
+        ),
     )
     story = Story(
         what="A torque against the motion that grows with speed.",

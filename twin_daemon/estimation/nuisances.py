@@ -21,14 +21,6 @@ from twin_daemon.simulation.twin import TwinModel
 
 _KINDS = ("damping", "frictionloss", "armature")
 
-# The nuisance that a candidate itself moves is dropped for it: the candidate speaks for it.
-OWN = {
-    "viscous_friction": "damping",
-    "coulomb_friction": "frictionloss",
-    "armature": "armature",
-    "actuator_gain": "kp",
-}
-
 
 def nuisance_variables(twin: TwinModel, recordings: Sequence[Aligned], joints: Sequence[str]) -> tuple[Variable, ...]:
     """Scale factors of the moving joints' parameters and of their servos' gains, and each recording's delay.
