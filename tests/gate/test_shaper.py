@@ -16,7 +16,7 @@ TURNS = st.lists(st.tuples(st.floats(-3.0, 3.0), st.floats(1e-6, 0.02)), min_siz
 
 def limits(velocity: float, acceleration: float) -> Limits:
     one = np.ones(1)
-    return Limits(("a",), -1.0 * one, 1.0 * one, velocity * one, acceleration * one, 0.0 * one)
+    return Limits(("a",), -1.0 * one, 1.0 * one, velocity * one, acceleration * one, 0.0 * one, ("rad",), one < 0.0)
 
 
 @given(SPEEDS, SUDDEN, TURNS, st.floats(-1.0, 1.0))

@@ -210,6 +210,19 @@ def finite(asked: Asked, _: Situation) -> Refusal | None:
     return None
 
 
+def has_bounds(asked: Asked, situation: Situation) -> Refusal | None:
+    limits, motion = situation.limits, asked.motion
+    if motion is None or not (without := motion.moved & limits.unbounded).any():
+        return None
+    i = int(np.argmax(without))
+    lacks = "range" if np.isinf(limits.lower[i]) or np.isinf(limits.upper[i]) else "velocity limit"
+    unit = limits.units[i]
+    keys = f"lower_{unit}, upper_{unit}" if lacks == "range" else f"velocity_limit_{unit}_s"
+    return Refusal(
+        "unbounded", f"{limits.names[i]} has no {lacks}", f"commands of joints whose description gives {keys}"
+    )
+
+
 def inside_bounds(asked: Asked, situation: Situation) -> Refusal | None:
     limits, motion = situation.limits, asked.motion
     if motion is None:
@@ -223,8 +236,8 @@ def inside_bounds(asked: Asked, situation: Situation) -> Refusal | None:
     column = table[beyond[:, i], i]
     return Refusal(
         "bounds",
-        f"{limits.names[i]} would go to {column[np.argmax(np.abs(column))]:.4f} rad",
-        f"{limits.lower[i]:.4f} to {limits.upper[i]:.4f} rad",
+        f"{limits.names[i]} would go to {column[np.argmax(np.abs(column))]:.4f} {limits.units[i]}",
+        f"{limits.lower[i]:.4f} to {limits.upper[i]:.4f} {limits.units[i]}",
     )
 
 
@@ -238,8 +251,8 @@ def not_too_fast(asked: Asked, situation: Situation) -> Refusal | None:
         return None
     return Refusal(
         "velocity",
-        f"{limits.names[worst]} would move at {share[worst] * limits.velocity[worst]:.2f} rad/s",
-        f"{limits.velocity[worst]:.2f} rad/s: {share[worst]:.1f} times the time would do",
+        f"{limits.names[worst]} would move at {share[worst] * limits.velocity[worst]:.2f} {limits.units[worst]}/s",
+        f"{limits.velocity[worst]:.2f} {limits.units[worst]}/s: {share[worst]:.1f} times the time would do",
     )
 
 
@@ -297,7 +310,15 @@ ALLOWED: dict[str, tuple[Check, ...]] = {
     "target": (not_stopped, holds_the_lease),
 }
 """Whether the gate's mode allows it."""
-PLANNED: tuple[Check, ...] = (something_asked, finite, joints_are_heard, readings_can_be, inside_bounds, starts_at_hand)
+PLANNED: tuple[Check, ...] = (
+    something_asked,
+    finite,
+    joints_are_heard,
+    readings_can_be,
+    has_bounds,
+    inside_bounds,
+    starts_at_hand,
+)
 MOTION: dict[str, tuple[Check, ...]] = {
     "move": (*PLANNED, not_too_fast, no_collision),
     "trajectory": (*PLANNED, not_too_fast, no_collision),

@@ -38,7 +38,7 @@ class Readings:
         self._range = ranges
         tolerance = np.array([one.range_tolerance_rad for one in info])
         self._low, self._high = ranges[:, 0] - tolerance, ranges[:, 1] + tolerance
-        self._fastest = settings.implausible_speed * np.array([one.velocity_limit_rad_s for one in info])
+        self._fastest = settings.implausible_speed * np.array([one.velocity_limit for one in info])
         self._blur = np.array([_NOISE * one.noise_rad + one.resolution_rad for one in info])
         self._recent: deque[tuple[float, np.ndarray]] = deque()
         self._doubts: dict[str, Doubt] = {}

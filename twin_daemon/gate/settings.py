@@ -19,11 +19,17 @@ class CommandLimit(BaseModel):
     velocity_rad_s: float | None = Field(default=None, gt=0.0, description="fastest change of the target")
     acceleration_rad_s2: float | None = Field(default=None, gt=0.0, description="fastest change of that velocity")
     step_rad: float | None = Field(default=None, gt=0.0, description="farthest from one command to the next")
+    lower_m: float | None = Field(default=None, description="the same five of what slides")
+    upper_m: float | None = Field(default=None, description="greatest target")
+    velocity_m_s: float | None = Field(default=None, gt=0.0, description="fastest change of the target")
+    acceleration_m_s2: float | None = Field(default=None, gt=0.0, description="fastest change of that velocity")
+    step_m: float | None = Field(default=None, gt=0.0, description="farthest from one command to the next")
 
     @model_validator(mode="after")
     def _in_order(self) -> CommandLimit:
-        if self.lower_rad is not None and self.upper_rad is not None and self.lower_rad >= self.upper_rad:
-            raise ValueError(f"lower_rad {self.lower_rad:g} is not below upper_rad {self.upper_rad:g}")
+        for low, high, unit in ((self.lower_rad, self.upper_rad, "rad"), (self.lower_m, self.upper_m, "m")):
+            if low is not None and high is not None and low >= high:
+                raise ValueError(f"lower_{unit} {low:g} is not below upper_{unit} {high:g}")
         return self
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -31,6 +32,8 @@ class Hand:
     model_path: Path
     joint_range_rad: dict[str, tuple[float, float]] = field(default_factory=dict)
     command_range_rad: dict[str, tuple[float, float]] = field(default_factory=dict)
+    slides: frozenset[str] = frozenset()
+    """Joints that slide: what is rad of others is m of theirs."""
 
     @property
     def name(self) -> str:
@@ -46,9 +49,14 @@ class Hand:
         """Commands as the data name them, in the order of the description."""
         return tuple(self.description.commands)
 
+    def unit(self, command: str) -> str:
+        """rad, or m for what slides."""
+        return "m" if self.slides & set(self.description.commands[command].joints) else "rad"
+
     def velocity_limit_rad_s(self, command: str) -> float:
+        """Infinite where the description gives none."""
         joints = self.description.commands[command].joints
-        return sum(self.description.joints[joint].velocity_limit_rad_s for joint in joints)
+        return sum(self.description.joints[joint].velocity_limit for joint in joints)
 
     def hold_margin_rad(self, command: str) -> float:
         joints = self.description.commands[command].joints
@@ -56,7 +64,7 @@ class Hand:
 
     def acceleration_limit_rad_s2(self, command: str) -> float:
         joints = self.description.commands[command].joints
-        return sum(self.description.joints[joint].acceleration_limit_rad_s2 for joint in joints)
+        return sum(self.description.joints[joint].acceleration_limit for joint in joints)
 
 
 def load_hand(hand: str | Path | None = None, model: Path | str | None = None) -> Hand:
@@ -103,7 +111,7 @@ def _fit(description: HandDescription, model_path: Path, path: Path) -> Hand:
     for joint, info in description.joints.items():
         found = _must_match(info.joint, list(names.joint_range_rad), f"joints.{joint}: no joint", model_path, path)
         joints[joint] = info.model_copy(update={"joint": found})
-        joint_range[joint] = names.joint_range_rad[found]
+        joint_range[joint] = _range(joint, info, found, names, path)
     data_name = {info.joint: joint for joint, info in joints.items()}
     commands: dict[str, CommandInfo] = {}
     command_range: dict[str, tuple[float, float]] = {}
@@ -120,9 +128,48 @@ def _fit(description: HandDescription, model_path: Path, path: Path) -> Hand:
                 todo=f"Correct the joints of the command, or the model {model_path}",
             )
         commands[command] = info.model_copy(update={"actuator": found})
-        command_range[command] = servo.range_rad
+        command_range[command] = _within_joints(servo, {info.joint: joint_range[j] for j, info in joints.items()})
     fitted = description.model_copy(update={"joints": joints, "commands": commands})
-    return Hand(fitted, model_path, joint_range, command_range)
+    slides = frozenset(joint for joint, info in joints.items() if info.joint in names.slides)
+    return Hand(fitted, model_path, joint_range, command_range, slides)
+
+
+def _range(joint: str, info: JointInfo, found: str, names: ModelNames, path: Path) -> tuple[float, float]:
+    """The range of a joint: what the description gives, within that of the model. Raises BadInput."""
+    slides = found in names.slides
+    wrong = info.wrong_unit(slides)
+    if wrong is not None:
+        kind = "slides: its limits are in m (lower_m, velocity_limit_m_s ...)"
+        raise BadInput(
+            f"joints.{joint}.{wrong}: {joint} {kind if slides else 'turns: its limits are in rad'}",
+            where=path,
+            todo="Give them in its own unit",
+        )
+    (low, high), (least, most) = info.range, names.joint_range_rad[found]
+    unit = "m" if slides else "rad"
+    for key, value, beyond in (("lower", low, low < least), ("upper", high, high > most)):
+        if math.isfinite(value) and beyond:
+            raise BadInput(
+                f"joints.{joint}.{key}_{unit}: {value:g} {unit} does not tighten the model's range",
+                where=path,
+                allowed=f"{least:.4f} to {most:.4f} {unit}",
+                todo="Correct it, or leave it out. Angles are in rad: 30 degrees are 0.5236",
+            )
+    low, high = max(low, least), min(high, most)
+    if low >= high:
+        raise BadInput(f"joints.{joint}: nothing is left between {low:g} and {high:g} {unit}", where=path)
+    return low, high
+
+
+def _within_joints(servo: Servo, joint_range: dict[str, tuple[float, float]]) -> tuple[float, float]:
+    """The range of a servo, within what its joints allow."""
+    low, high = servo.range_rad
+    ends = [joint_range.get(joint, (-math.inf, math.inf)) for joint in servo.joints]
+    sums = [sorted((w * a, w * b)) for w, (a, b) in zip(servo.weights, ends, strict=True)]
+    return (
+        max(low, sum(end[0] for end in sums)) if math.isinf(low) else low,
+        min(high, sum(end[1] for end in sums)) if math.isinf(high) else high,
+    )
 
 
 def _must_match(name: str, known: list[str], what: str, model_path: Path, path: Path) -> str:
@@ -151,9 +198,8 @@ def _derive(model_path: Path) -> Hand:
     }
     description = validated(HandDescription, raw, model_path)
     ranges = {joint: names.joint_range_rad[joint] for joint in description.joints}
-    return Hand(
-        description, model_path.resolve(), ranges, {command: servo.range_rad for command, servo in commands.items()}
-    )
+    moves = {command: servo.range_rad for command, servo in commands.items()}
+    return Hand(description, model_path.resolve(), ranges, moves, names.slides)
 
 
 def _command_name(servo: Servo, names: ModelNames) -> str:

@@ -34,6 +34,8 @@ class ModelNames:
     name: str
     joint_range_rad: dict[str, tuple[float, float]]
     servos: dict[str, Servo]
+    slides: frozenset[str] = frozenset()
+    """Joints that slide: their ranges are in m."""
 
 
 def compile_model(path: Path) -> mujoco.MjModel:
@@ -93,12 +95,15 @@ def read_names(model: mujoco.MjModel, name: str) -> ModelNames:
             limited = bool(model.jnt_limited[index])
             low, high = model.jnt_range[index] if limited else (-math.inf, math.inf)
             ranges[joint.name] = (float(low), float(high))
+    slides = frozenset(
+        joint for joint in ranges if int(model.jnt_type[model.joint(joint).id]) == mujoco.mjtJoint.mjJNT_SLIDE
+    )
     servos: dict[str, Servo] = {}
     for index in range(model.nu):
         servo = _servo(model, index, ranges)
         if servo is not None:
             servos[servo.name] = servo
-    return ModelNames(name=name, joint_range_rad=ranges, servos=servos)
+    return ModelNames(name=name, joint_range_rad=ranges, servos=servos, slides=slides)
 
 
 def _servo(model: mujoco.MjModel, index: int, ranges: dict[str, tuple[float, float]]) -> Servo | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import string
 from typing import Annotated, Any, Literal
 
@@ -14,7 +15,11 @@ from .naming import canonical
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Number = Annotated[float, Field(allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+FULL_SPEED_S = 0.1
+_HINGE, _SLIDE = ("_rad", "_rad_s", "_rad_s2"), ("_m", "_m_s", "_m_s2")
 
 NAMESPACE = r"^[A-Za-z0-9_\-]+(/[A-Za-z0-9_\-]+)*$"
 """What a hand may be called on the network: it becomes part of keys and of folders."""
@@ -33,12 +38,48 @@ class JointInfo(_Strict):
     """Standard deviation of the sensor at rest, quantisation aside."""
     resolution_rad: NotNegative = 0.0010
     """Quantisation step of the sensor; 0 where none can be seen."""
-    velocity_limit_rad_s: Positive = 4.0
-    acceleration_limit_rad_s2: Positive = 500.0
+    lower_rad: Number | None = None
+    upper_rad: Number | None = None
+    """Range of a hinge; it counts within that of the MJCF. A joint without one is not commanded."""
+    velocity_limit_rad_s: Positive | None = None
+    """Of a hinge. A joint without one is not commanded."""
+    acceleration_limit_rad_s2: Positive | None = None
+    """Of a hinge; without it full speed takes 0.1 s."""
+    lower_m: Number | None = None
+    upper_m: Number | None = None
+    velocity_limit_m_s: Positive | None = None
+    acceleration_limit_m_s2: Positive | None = None
+    """The same four of a slide."""
     range_tolerance_rad: NotNegative = 0.2
     """How far beyond its range a sound joint may read: sensors and end stops give a little."""
     hold_margin_rad: NotNegative = 0.01
     """How far the target stays ahead of the measured angle after a stop or a trip: what holds the link up."""
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """The range that the description gives, rad or m; infinite where it gives none."""
+        low = self.lower_rad if self.lower_m is None else self.lower_m
+        high = self.upper_rad if self.upper_m is None else self.upper_m
+        return -math.inf if low is None else low, math.inf if high is None else high
+
+    @property
+    def velocity_limit(self) -> float:
+        """rad/s or m/s; infinite where none is given."""
+        given = self.velocity_limit_rad_s or self.velocity_limit_m_s
+        return math.inf if given is None else given
+
+    @property
+    def acceleration_limit(self) -> float:
+        """rad/s^2 or m/s^2; infinite where no velocity limit is given either."""
+        return self.acceleration_limit_rad_s2 or self.acceleration_limit_m_s2 or self.velocity_limit / FULL_SPEED_S
+
+    def wrong_unit(self, slides: bool) -> str | None:
+        """The first key that is set for the other kind of joint."""
+        for key in ("lower", "upper", "velocity_limit", "acceleration_limit"):
+            for name in (f"{key}{unit}" for unit in (_HINGE if slides else _SLIDE)):
+                if getattr(self, name, None) is not None:
+                    return name
+        return None
 
 
 class CommandInfo(_Strict):
