@@ -12,10 +12,11 @@ from typing import Any
 
 from bridges.ros_keys import RosKeys
 from bridges.streams import daemon_subscribes, heard_keys
-from bridges.tls import shown_by_daemon
+from bridges.tls import DAEMON, is_tls, shown_by_daemon
+from twin_daemon.daemon.settings import AccessSettings
 from twin_daemon.errors import BadInput
 from twin_daemon.files import write_atomically
-from twin_daemon.gate.identity import ANONYMOUS, Keyring, keys_file, load_keyring
+from twin_daemon.gate.identity import ANONYMOUS, INTERNAL, Keyring, keys_file, load_keyring
 from twin_daemon.hand import HandDescription
 from twin_daemon.resources import state_dir
 
@@ -37,6 +38,45 @@ def credentials(name: str | None = None) -> tuple[str, str]:
     return name, keyring.password(name)
 
 
+def access_of(
+    settings: AccessSettings | None,
+    address: str,
+    keyring: Keyring,
+    description: HandDescription,
+    folder: Path,
+    ros: RosKeys | None = None,
+) -> dict[str, Any] | None:
+    """What the router at `address` enforces, as Zenoh's keys; None without access control. Raises BadInput where it
+    does not fit the settings."""
+    require_fitting(settings, address)
+    if settings is None:
+        return None
+    if settings.certificates:
+        return certified_access(keyring, description, ros)
+    return router_access(keyring, description, folder / "passwords", settings.anonymous == "look", ros)
+
+
+def require_fitting(settings: AccessSettings | None, address: str) -> None:
+    """Raises BadInput where certificates are asked for without TLS, or the other way round."""
+    certified = settings is not None and settings.certificates
+    if certified != is_tls(address):
+        raise BadInput(
+            "certificates need a tls/ endpoint" if certified else "a tls/ endpoint needs certificates",
+            where=address,
+            todo="Set access: {certificates: true} and endpoint: tls/HOST:PORT together; see docs/security.md",
+        )
+
+
+def daemon_login(settings: AccessSettings | None, keyring: Keyring) -> dict[str, Any] | None:
+    """How the daemon logs in at its gate's router, as Zenoh's keys; None where that router asks nobody."""
+    if settings is None:
+        return None
+    if settings.certificates:
+        return shown_by_daemon()
+    password = keyring.among_ourselves().password(INTERNAL)
+    return {"transport/auth/usrpwd": {"user": INTERNAL, "password": password}}
+
+
 def certified_access(keyring: Keyring, description: HandDescription, ros: RosKeys | None = None) -> dict[str, Any]:
     """The router's configuration where each identity shows its certificate. One whose identity was removed from the
     keyring may do nothing, however long its certificate lasts."""
@@ -52,6 +92,7 @@ def router_access(
 ) -> dict[str, Any]:
     """The router's configuration for the identities of a keyring. Writes the file of passwords that it refers to."""
     users = {name: keyring.password(name) for name in keyring.names}
+    users[INTERNAL] = keyring.among_ourselves().password(INTERNAL)
     if anonymous_looks:
         users[PUBLIC[0]] = PUBLIC[1]
     passwords.parent.mkdir(parents=True, exist_ok=True)
@@ -76,7 +117,8 @@ def _rules(keyring: Keyring, description: HandDescription, ros: RosKeys | None, 
     work = [description.key(name) for name in _WORK]
     alive = [description.key("alive"), description.keys.alive.format(ns="**")]  # who looks for hands asks for all
     own_stop = [description.key("driver_stop"), *filter(None, [description.stop and description.stop.zenoh_key])]
-    everything = [*streams, *told, *asked, *work, *own_stop, command("*"), description.key("alive")]
+    between = [description.key("gate", verb=verb) for verb in ("told", "beat", "recalibrate", "serves")]
+    everything = [*between, *streams, *told, *asked, *work, *own_stop, command("*"), description.key("alive")]
     rules = [
         _rule("answers", "egress", ["put", "reply", "liveliness_token", "declare_queryable", "query"], everything),
         # what the daemon subscribes to, letter by letter: a wildcard that no rule covers would leave it deaf
@@ -86,9 +128,24 @@ def _rules(keyring: Keyring, description: HandDescription, ros: RosKeys | None, 
         _rule("ask", "ingress", ["query"], asked),
         _rule("work", "ingress", ["query"], work),
         _rule("command", "ingress", ["query"], [command("*")]),
-        _rule("stream", "ingress", ["put"], [command("target")]),
+        _rule("stream", "ingress", ["put"], [command("target"), command("beat")]),
         _rule("stop", "ingress", ["put"], [command("stop")]),
         _rule("speak", "ingress", ["put"], streams),
+        _rule(
+            "daemon",
+            "ingress",
+            [
+                "put",
+                "query",
+                "reply",
+                "declare_subscriber",
+                "declare_queryable",
+                "liveliness_token",
+                "liveliness_query",
+                "declare_liveliness_subscriber",
+            ],
+            [*everything, *daemon_subscribes(description, ros), *alive],
+        ),
         _rule("serve", "ingress", ["declare_subscriber", "declare_queryable", "reply"], own_stop),
     ]
     anybody = {} if known_by == "usernames" else {known_by: list(keyring.names)}
@@ -101,6 +158,8 @@ def _rules(keyring: Keyring, description: HandDescription, ros: RosKeys | None, 
         if names:
             subjects.append({"id": role, known_by: names})
             policies.append({"rules": allowed, "subjects": [role]})
+    subjects.append({"id": "daemon", known_by: [INTERNAL if known_by == "usernames" else DAEMON]})
+    policies.append({"rules": ["answers", "interest", "daemon"], "subjects": ["daemon"]})
     return {
         "enabled": True,
         "default_permission": "deny",

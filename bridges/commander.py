@@ -18,6 +18,8 @@ from twin_daemon.errors import NoAnswer
 from twin_daemon.gate.identity import Keyring
 from twin_daemon.hand import HandDescription
 
+BEAT_S = 0.008
+"""Between two signs of life while a motion is under way: whoever speaks so often is missed as soon as a hand."""
 _PATIENCE_S = 5.0
 _PLANNING_S = 20.0
 
@@ -83,13 +85,23 @@ class Commander:
         )
 
     @contextlib.contextmanager
-    def beating(self, period_s: float, guard: Guard) -> Iterator[None]:
+    def beating(self, guard: Guard, period_s: float = BEAT_S) -> Iterator[None]:
         """Says that the commander is there, again and again, as long as this process lives."""
         ended = threading.Event()
+        publisher = self._session.declare_publisher(
+            self._description.key("command", verb="beat"),
+            congestion_control=zenoh.CongestionControl.DROP,
+            priority=zenoh.Priority.INTERACTIVE_HIGH,
+            express=True,
+        )
+
+        def put() -> None:
+            payload, proof = self._signer.signed("beat", {})
+            publisher.put(payload, attachment=proof)
 
         def beat() -> None:
             while not ended.is_set():
-                guard.run("a heartbeat", self.ask, "beat", 2.0 * period_s)
+                guard.run("a heartbeat", put)
                 ended.wait(period_s)
 
         thread = threading.Thread(target=beat, name="twin-heartbeat", daemon=True)
@@ -99,6 +111,7 @@ class Commander:
         finally:
             ended.set()
             thread.join()
+            publisher.undeclare()
 
     def _get(self, verb: str, payload: bytes, proof: bytes | None, timeout_s: float) -> dict[str, Any]:
         key = self._description.key("command", verb=verb)

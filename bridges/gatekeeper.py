@@ -20,7 +20,7 @@ from bridges.register import Register
 from bridges.sources import Sources
 from twin_daemon.gate.checks import NOTHING_SENT
 from twin_daemon.gate.gate import Gate
-from twin_daemon.gate.identity import Keyring, Proof
+from twin_daemon.gate.identity import Keyring, Proof, Who
 from twin_daemon.gate.requests import KINDS, BadRequest, read_request
 from twin_daemon.hand import HandDescription
 
@@ -34,7 +34,7 @@ class Gatekeeper:
     """Serves `command/<verb>` and turns the gate in a thread of its own.
 
     A request is the JSON of its verb, with a proof of who asks as the attachment; the reply says accepted or refused
-    and why, with a proof of it under the key of who asked. `command/target` and `command/stop` can be put as well as
+    and why, with a proof of it under the key of who asked. `command/target`, `beat` and `stop` can be put as well as
     asked. `recalibrate` begins a recalibration in the name of who asks, or says why not.
     """
 
@@ -46,12 +46,14 @@ class Gatekeeper:
         keyring: Keyring,
         description: HandDescription,
         recalibrate: Callable[[str], str | None] = lambda _: "this daemon does not recalibrate",
+        daemon_silent_s: Callable[[float], float] = lambda _: 0.0,
     ) -> None:
         self.gate = gate
         gate.witness = register
         self._register = register
         self._keyring = keyring
         self._recalibrate = recalibrate
+        self._daemon_silent_s = daemon_silent_s
         self._key = lambda verb: description.key("command", verb=verb)
         self._guard = Guard(log)
         self._turn_s, self._request_s = Durations(), Durations()
@@ -66,7 +68,10 @@ class Gatekeeper:
         self._entities: list[Any] = [
             # one each, because each has a thread: a stop must not wait until a long trajectory has been looked at
             *(session.declare_queryable(self._key(verb), self._reply) for verb in (*KINDS, "status")),
-            *(session.declare_subscriber(self._key(verb), partial(self._put, verb)) for verb in ("target", "stop")),
+            *(
+                session.declare_subscriber(self._key(verb), partial(self._put, verb))
+                for verb in ("target", "beat", "stop")
+            ),
         ]
 
     def status(self) -> dict[str, Any]:
@@ -143,6 +148,8 @@ class Gatekeeper:
                 "consequence": NOTHING_SENT,
             }
         who = self._keyring.who(verb, payload, proof)
+        if verb == "arm" and self._daemon_silent_s(time.monotonic()) > self.gate.settings.state_timeout_s:
+            return self._without_daemon(who)
         answer = self.gate.ask(verb, request, who, time.monotonic(), time.time_ns())
         if verb == "stop":
             answer |= {"driver_stop": self._driver_stop.told()}
@@ -158,6 +165,19 @@ class Gatekeeper:
         if answer["accepted"] and verb not in ("target", "beat"):
             self._guard.run("the audit log", self._register.sync)
         return answer
+
+    def _without_daemon(self, who: Who | None) -> dict[str, Any]:
+        """Refuses to arm: nobody would follow the hand, or tell what it does."""
+        why = "the twin's daemon is not heard"
+        entry = {"verb": "arm", "who": who.name if who else None, "accepted": False, "check": "daemon", "why": why}
+        self._guard.run("the audit log", self._register, entry)
+        return {
+            "schema": 1,
+            **entry,
+            "allowed": "a running 'twin run'",
+            "consequence": NOTHING_SENT,
+            "gate": self.gate.status(time.monotonic()),
+        }
 
     # -- turns ---------------------------------------------------------------------------------------------
 
@@ -204,6 +224,9 @@ class Gatekeeper:
         self._guard.run("the look after a stop", self._after_stop, now_s)
         began_s = time.thread_time()
         try:
+            silent_s = self._daemon_silent_s(now_s)
+            if silent_s > self.gate.settings.state_timeout_s:
+                self.gate.end("daemon", f"the daemon has been silent for {silent_s:.2f} s", now_s)
             command = self.gate.turn(now_s, time.time_ns())
             if command is not None:
                 self._outlet.send(command)

@@ -139,8 +139,8 @@ class Recalibrator:
             child.end()
 
     def _gate_is_free(self) -> bool:
-        gate = self._service.gate
-        return gate is not None and gate.status(time.monotonic())["mode"] == "read_only"
+        gate = self._service.gate()
+        return gate is not None and gate["mode"] == "read_only"
 
     def _begin(self, why: str, drive: bool) -> str | None:
         with self._lock:

@@ -7,6 +7,7 @@ a client too. Nothing is announced on the network: no multicast, no gossip.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import json
 import os
@@ -88,6 +89,16 @@ def open_client(
             return None
         stop.wait(0.5 * _RETRY_S)
     return None
+
+
+def open_at_gate(endpoint: str, login: dict[str, Any] | None, stop: Stoppable, timeout_s: float) -> zenoh.Session:
+    """The daemon's session with the router of its gate. Raises NoAnswer where it is not there in time."""
+    deadline_s = time.monotonic() + timeout_s
+    while not stop.is_set() and time.monotonic() < deadline_s:
+        with contextlib.suppress(zenoh.ZError):
+            return zenoh.open(session_config("client", connect=[endpoint], more=login))
+        stop.wait(0.5 * _RETRY_S)
+    raise NoAnswer("no gate answers", where=endpoint, todo="Start 'twin gate' with the same configuration")
 
 
 def open_daemon(

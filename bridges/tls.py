@@ -48,10 +48,11 @@ def shown_by_client(name: str | None) -> dict[str, Any]:
 
 
 def shown_by_daemon() -> dict[str, Any]:
-    """Zenoh's keys for the daemon's own router, which takes nobody without a certificate."""
+    """Zenoh's keys for the router, which takes nobody without a certificate, and for the daemon that connects to it."""
     folder = security_dir() / DAEMON
     files = _files(folder)
-    return _link(files | {"listen_private_key": folder / KEY, "listen_certificate": folder / CERTIFICATE})
+    own = {"private_key": folder / KEY, "certificate": folder / CERTIFICATE}
+    return _link(files | {f"{side}_{name}": path for side in ("listen", "connect") for name, path in own.items()})
 
 
 def _files(folder: Path) -> dict[str, Path]:

@@ -32,7 +32,7 @@ def test_systemd_accepts_the_units(tmp_path: Path) -> None:
         if file.place.name in units.UNITS:
             paths.append(tmp_path / file.place.name)
             paths[-1].write_bytes(file.content)
-    assert len(paths) == 4
+    assert len(paths) == 5
     done = analyze("verify", "--man=no", "--recursive-errors=no", *map(str, paths))
     complaints = [line for line in done.stderr.splitlines() if any(name in line for name in units.UNITS)]
     assert not complaints

@@ -18,6 +18,7 @@ from bridges import cdr
 from bridges.client import ask
 from bridges.commander import Commander
 from bridges.session import open_client
+from twin_daemon.cli.leases import keep_lease, lease_file
 from twin_daemon.daemon.messages import JointSample
 from twin_daemon.gate.audit import entries_of, verify
 from twin_daemon.gate.identity import Identity, Keyring, load_keyring
@@ -38,7 +39,7 @@ class Scene:
         self.keys = state_dir / "keys.json"
         self.daemon = twin.start("run", "-c", str(config))
         self.hand = twin.start("hand", "--trajectory", "none", *hand)
-        session = open_client(twin.endpoint, 20.0)
+        session = open_client(twin.endpoint, 60.0)
         assert session is not None
         self.session = session
         self.description = load_hand().description
@@ -70,6 +71,7 @@ class Scene:
         commander = self.commander()
         answers: list[dict[str, Any]] = []
         until(lambda: answers.append(commander.ask("arm", reason="a test")) or answers[-1]["accepted"], 20.0)
+        keep_lease(lease_file(NS, "operator"), commander.lease)  # so that 'twin command' goes on with it
         return commander
 
     def close(self) -> None:

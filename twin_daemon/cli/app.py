@@ -32,6 +32,7 @@ OFFLINE, LIVE, STATE = "With recordings", "Live", "Versions and setup"
 COMMANDS: dict[str, Entry] = {
     "demo": Entry("demo", "The whole story without a hand: follow, learn, watch the error fall.", LIVE),
     "run": Entry("run", "The daemon: follow the hand, predict it, measure the error, answer questions.", LIVE),
+    "gate": Entry("gate", "The gate alone, the only way to the hand; 'twin run' starts it by itself.", LIVE),
     "hand": Entry("hand", "A stand-in for the real hand, worn as you like.", LIVE),
     "play": Entry("play", "Recordings as if they were the hand.", LIVE),
     "record": Entry("record", "What hand and twin say, as an MCAP file; --keep saves the daemon's last minutes.", LIVE),

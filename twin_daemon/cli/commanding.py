@@ -104,7 +104,7 @@ def see_through(
 
     guard = Guard(logging.getLogger("twin.command"))
     status = answer["gate"]
-    with desk.commander.beating(status["heartbeat_s"] / 5.0, guard):
+    with desk.commander.beating(guard):
         while status["moving"]:
             if stop.is_set():
                 desk.commander.ask("disarm")

@@ -41,9 +41,8 @@ Namespace = Annotated[
 ]
 _POLL_S = 1.0
 _SWITCH_S = 1e-4
-_GATE_S = 1.5  # its thread comes round twice a second where nothing moves
+_GATE_S = 20.0  # a gate that is a unit of its own may start later
 AUDIT = "audit.jsonl"
-LATCH = "stopped.json"
 
 
 def command(
@@ -54,19 +53,21 @@ def command(
     namespace: Namespace = None,
     endpoint: Endpoint = None,
     seconds: Seconds = None,
+    gate_apart: Annotated[
+        bool, typer.Option("--gate-apart", help="Join a 'twin gate' that runs already, and start none.")
+    ] = False,
 ) -> int:
     """Run the live twin: follow the hand, predict it, measure the error, answer questions. Ends on SIGTERM."""
-    from bridges.access import certified_access, router_access
+    from bridges.access import access_of, daemon_login, require_fitting
     from bridges.diagnoser import Diagnoser
-    from bridges.gatekeeper import Gatekeeper
+    from bridges.gate_link import DaemonEnd
+    from bridges.gate_process import GateProcess
     from bridges.keep import Keeper
     from bridges.recalibrator import Recalibrator
-    from bridges.register import Register
     from bridges.ring import Ring
     from bridges.ros_keys import RosKeys
-    from bridges.session import choose_endpoint, open_daemon, someone_serves
+    from bridges.session import choose_endpoint, open_at_gate, open_daemon, someone_serves
     from bridges.stop import Hangup, on_termination
-    from bridges.tls import is_tls
     from bridges.zenoh_bridge import ZenohBridge
     from twin_daemon.cli.reload import Reloader
     from twin_daemon.daemon.configuration import load_config
@@ -74,41 +75,45 @@ def command(
     from twin_daemon.daemon.notify import Notifier
     from twin_daemon.daemon.promotions import Promotions
     from twin_daemon.daemon.service import TwinService
-    from twin_daemon.gate.audit import AuditLog
-    from twin_daemon.gate.gate import Gate
     from twin_daemon.gate.identity import ensure_keyring, keys_file
-    from twin_daemon.gate.latch import Latch
 
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
     settings = load_config(config, os.environ).config
     hand, model = hand or settings.hand, model or settings.model
     chosen = load_named(hand, model, namespace or settings.namespace)
     address = choose_endpoint(endpoint or settings.endpoint)
+    require_fitting(settings.access, address)
     silence_mujoco()
-    source = ModelSource(chosen, version or settings.version)
-    twin, info = source.load()
     folder = hand_folder(chosen.description.namespace)
-    gate = Gate(twin, settings.gate, latch=Latch(folder / LATCH)) if chosen.commands else None
     keyring = ensure_keyring(keys_file(state_dir()))
-    service = TwinService(twin, info, settings.daemon, journal=folder / "events.jsonl", gate=gate)
-    ring = Ring(60.0 * settings.daemon.keep_minutes, settings.daemon.keep_mib * 2**20)
-    keeper = Keeper(ring, chosen.description, state_dir() / "recordings", settings.daemon)
+    named = [*named_hand(hand, model), "--namespace", chosen.description.namespace, "--endpoint", address]
     with on_termination() as stop, contextlib.ExitStack() as stack:
-        access = None
+        process = None
+        if chosen.commands and not gate_apart:
+            options = [*(["--config", str(config)] if config else []), *(["--version", version] if version else [])]
+            process = GateProcess([*named, *options], lambda kind, text: service.tell(kind, text))
+            stack.callback(process.close)
+        source = ModelSource(chosen, version or settings.version)
+        twin, info = source.load()
+        link: DaemonEnd | None = None
+        service = TwinService(
+            twin,
+            info,
+            settings.daemon,
+            journal=folder / "events.jsonl",
+            gate=lambda: None if link is None else link.status(),
+        )
+        ring = Ring(60.0 * settings.daemon.keep_minutes, settings.daemon.keep_mib * 2**20)
+        keeper = Keeper(ring, chosen.description, state_dir() / "recordings", settings.daemon)
         ros = RosKeys(settings.ros) if settings.ros is not None else None
-        certified = settings.access is not None and settings.access.certificates
-        if certified != is_tls(address):
-            raise BadInput(
-                "certificates need a tls/ endpoint" if certified else "a tls/ endpoint needs certificates",
-                where=address,
-                todo="Set access: {certificates: true} and endpoint: tls/HOST:PORT together; see docs/security.md",
-            )
-        if certified:
-            access = certified_access(keyring, chosen.description, ros)
-        elif settings.access is not None:
-            looks = settings.access.anonymous == "look"
-            access = router_access(keyring, chosen.description, folder / "passwords", looks, ros)
-        session, how = open_daemon(address, access, stop)
+        if not chosen.commands:
+            access = access_of(settings.access, address, keyring, chosen.description, folder, ros)
+            session, how = open_daemon(address, access, stop)
+        else:
+            if process is not None:
+                process.wait(stop)
+            login = daemon_login(settings.access, keyring)
+            session, how = open_at_gate(address, login, stop, _GATE_S), "joined"
         stack.callback(session.close)
         if how == "joined" and someone_serves(session, service.hand.description.key("alive")):
             raise BadInput(
@@ -120,7 +125,6 @@ def command(
         stack.callback(keeper.close)
         diagnoser = Diagnoser(keeper, service, named_hand(hand, model))
         stack.callback(diagnoser.close)
-        named = [*named_hand(hand, model), "--namespace", service.namespace, "--endpoint", address]
         recalibrator = Recalibrator(settings.recalibration, keeper, service, source.store, folder, named)
         stack.callback(recalibrator.close)
         promotions = Promotions(source, service.ready)
@@ -131,14 +135,9 @@ def command(
             "diagnosis": diagnoser.latest,
             "recalibration": recalibrator.status,
         }
-        gatekeeper = None
-        if gate is not None:
-            audit = AuditLog(folder / AUDIT)
-            stack.callback(audit.close)
-            gatekeeper = Gatekeeper(
-                session, gate, Register(audit, service.tell), keyring, chosen.description, recalibrator.ask
-            )
-            stack.callback(gatekeeper.close)
+        if chosen.commands:
+            link = DaemonEnd(session, chosen.description, keyring, service.tell, recalibrator.ask)
+            stack.callback(link.close)
         bridge = ZenohBridge(session, service, answers, ring, ros)
         stack.callback(bridge.close)
         if settings.daemon.metrics_port is not None:
@@ -155,15 +154,18 @@ def command(
             keeper.retune(changed)
 
         def tend() -> None:
-            if gatekeeper is None or gatekeeper.turns(within_s=_GATE_S):
-                notifier.alive()
+            notifier.alive()
+            if link is not None:
+                link.turned()
+            if process is not None:
+                process.tend()
             if reloader is not None and hangup.came():
                 notifier.reloading()
                 reloader.reload()
                 notifier.say("READY=1")
 
         reloader = None if config is None else Reloader(config, settings, retune)
-        where = f"listens at {address}" if how == "listens" else f"joined the router at {address}"
+        where = f"listens at {address}" if how == "listens" else f"is at {address}"
         log.info("the twin of %s %s, version %s", service.namespace, where, info["id"])
         gc.collect()
         gc.freeze()  # what is here stays: the collector need not walk through it while samples wait

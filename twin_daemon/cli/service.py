@@ -140,7 +140,7 @@ def logs(
 
 def _wanted() -> tuple[list[str], list[str]]:
     """The units that are started with the machine, and why others are not."""
-    enabled, left_out = [units.DAEMON], []
+    enabled, left_out = [units.GATE, units.DAEMON], []
     if importlib.util.find_spec("rclpy") is not None:
         enabled.append(units.BRIDGE)
     else:

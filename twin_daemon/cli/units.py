@@ -11,9 +11,14 @@ from twin_daemon.errors import BadInput
 from twin_daemon.files import write_atomically
 from twin_daemon.resources import systemd_dir
 
-DAEMON, BRIDGE, WORKBENCH = "twin-daemon.service", "twin-bridge-ros2.service", "twin-workbench.service"
+GATE, DAEMON, BRIDGE, WORKBENCH = (
+    "twin-gate.service",
+    "twin-daemon.service",
+    "twin-bridge-ros2.service",
+    "twin-workbench.service",
+)
 TARGET = "twin.target"
-UNITS = (DAEMON, BRIDGE, WORKBENCH, TARGET)
+UNITS = (GATE, DAEMON, BRIDGE, WORKBENCH, TARGET)
 CONFIG = Path("etc/twin_daemon")
 KEYS = CONFIG / "keys.json"
 FOLDER = "identities"

@@ -12,6 +12,7 @@ from twin_daemon.daemon.messages import JointSample
 from twin_daemon.daemon.one_source import Doubt, OneSource
 from twin_daemon.daemon.stamps import StampOrder
 from twin_daemon.hand.naming import match
+from twin_daemon.simulation.twin import TwinModel
 
 MAX_NAMES = 256
 _KEPT_NAMES = 32
@@ -155,3 +156,23 @@ class Intake:
             self._layouts.clear()  # a sender that invents names must not fill the memory
         self._layouts[names] = layout
         return layout
+
+
+def wrong_with(sample: JointSample) -> str | None:
+    """What is wrong with a command, by kind; None where nothing is."""
+    if not sample.names:
+        return "empty"
+    if len(sample.names) > MAX_NAMES or sample.stamp_ns < 0:
+        return "malformed"
+    if len(sample.position) != len(sample.names):
+        return "length_mismatch"
+    if len(set(sample.names)) < len(sample.names):
+        return "duplicate_names"
+    finite = sample.position[np.isfinite(sample.position)]
+    return "out_of_range" if (np.abs(finite) > 100.0).any() else None
+
+
+def joint_ranges(twin: TwinModel) -> tuple[np.ndarray, np.ndarray]:
+    """((j,), (j,)) rad: the range of each joint, infinite where it has no limit."""
+    ranges = np.array([twin.hand.joint_range_rad.get(name, (-np.inf, np.inf)) for name in twin.joints])
+    return ranges[:, 0], ranges[:, 1]

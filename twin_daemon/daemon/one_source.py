@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 _SILENT_S = 1.0  # after so long without a word the stream may be another source's
 _BACK_S = 1.0
+_TELL_AGAIN_S = 10.0
 _BACK = 3  # one message may be overtaken; so many in that time are another clock
 
 
@@ -61,3 +62,19 @@ def in_words(doubt: Doubt, named: Callable[[str], str]) -> str:
         f"a second source of joint states: {named(doubt.source)}, beside {named(doubt.believed)}; the second is not "
         "believed"
     )
+
+
+class Doubts:
+    """Makes events of doubts: each kind at once, then every ten seconds while it goes on."""
+
+    def __init__(self, tell: Callable[[str, str, dict[str, Any]], None]) -> None:
+        self._tell = tell
+        self._told_s: dict[str, float] = {}
+
+    def tell(self, doubt: Doubt, named: Callable[[str], str], now_s: float) -> None:
+        """`named` says who a source is."""
+        told_s = self._told_s.get(doubt.kind, float("-inf"))
+        if doubt.kind == "source_changed" or now_s - told_s > _TELL_AGAIN_S:
+            self._told_s[doubt.kind] = now_s
+            data = {"source": doubt.source, "believed": doubt.believed, "back_s": doubt.back_s}
+            self._tell(doubt.kind, in_words(doubt, named), data)

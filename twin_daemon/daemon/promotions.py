@@ -6,33 +6,33 @@ import logging
 import threading
 from collections.abc import Callable
 from queue import Empty, SimpleQueue
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from twin_daemon.daemon.models import ModelSource
-from twin_daemon.daemon.ready import Ready
 from twin_daemon.errors import TwinError
 from twin_daemon.simulation.twin import TwinModel
 
 log = logging.getLogger("twin")
 
 _POLL_S = 0.5
+Prepared = TypeVar("Prepared")
 
 
-class Promotions:
+class Promotions(Generic[Prepared]):
     """Polls a model source in a thread of its own, and has `prepare` make ready what was promoted there.
 
     `take` gives it, once.
     """
 
-    def __init__(self, source: ModelSource, prepare: Callable[[TwinModel], Ready]) -> None:
+    def __init__(self, source: ModelSource, prepare: Callable[[TwinModel], Prepared]) -> None:
         self._source = source
         self._prepare = prepare
-        self._found: SimpleQueue[tuple[Ready, dict[str, Any]]] = SimpleQueue()
+        self._found: SimpleQueue[tuple[Prepared, dict[str, Any]]] = SimpleQueue()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="twin-versions", daemon=True)
         self._thread.start()
 
-    def take(self) -> tuple[Ready, dict[str, Any]] | None:
+    def take(self) -> tuple[Prepared, dict[str, Any]] | None:
         """The newest version that was promoted and not taken yet."""
         newest = None
         try:

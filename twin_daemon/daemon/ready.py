@@ -7,20 +7,18 @@ from dataclasses import dataclass
 from twin_daemon.daemon.posture import Posture
 from twin_daemon.daemon.predictor import Predictor
 from twin_daemon.daemon.settings import DaemonSettings
-from twin_daemon.gate.gate import Foresight, Gate
 from twin_daemon.simulation.twin import TwinModel
 
 
 @dataclass(frozen=True)
 class Ready:
-    """What a service needs to go on with another model; `foresight` is there for one with a gate."""
+    """What a service needs to go on with another model."""
 
     twin: TwinModel
     predictor: Predictor
     posture: Posture
-    foresight: Foresight | None
 
     @classmethod
-    def made(cls, twin: TwinModel, settings: DaemonSettings, gate: Gate | None) -> Ready:
+    def made(cls, twin: TwinModel, settings: DaemonSettings) -> Ready:
         predictor = Predictor(twin, settings.horizon_s, settings.max_catch_up_s)
-        return cls(twin, predictor, Posture(twin), gate.foresight(twin) if gate is not None else None)
+        return cls(twin, predictor, Posture(twin))

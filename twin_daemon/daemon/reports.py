@@ -55,7 +55,7 @@ def state(service: TwinService) -> dict[str, Any]:
         "joints": joints,
         "commands": _commands(service),
         "prediction": _prediction(service),
-        "gate": None if service.gate is None else service.gate.status(service.monotonic_s()),
+        "gate": service.gate(),
         "mirror": service.posture.at(mirror.position),
     }
 
@@ -128,7 +128,7 @@ def health(service: TwinService) -> dict[str, Any]:
         },
         "loop": service.loop,
         "timing": service.timing.as_json(),
-        "gate": None if service.gate is None else service.gate.status(service.monotonic_s())["mode"],
+        "gate": None if (gate := service.gate()) is None else gate["mode"],
         "events": service.events.recent(10),
     }  # fmt: skip
 

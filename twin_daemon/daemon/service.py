@@ -17,29 +17,26 @@ import numpy as np
 from twin_daemon.daemon import reports
 from twin_daemon.daemon.drift import Alarm, Drift
 from twin_daemon.daemon.events import Event, EventLog
-from twin_daemon.daemon.intake import MAX_NAMES, Intake
-from twin_daemon.daemon.messages import ROS_SOURCE, JointSample, Output, number
+from twin_daemon.daemon.intake import Intake, joint_ranges, wrong_with
+from twin_daemon.daemon.messages import JointSample, Output, number
 from twin_daemon.daemon.mirror import Mirror
-from twin_daemon.daemon.one_source import Doubt, in_words
+from twin_daemon.daemon.one_source import Doubt, Doubts
 from twin_daemon.daemon.predictor import Prediction, as_sample
 from twin_daemon.daemon.ready import Ready
 from twin_daemon.daemon.residual import Residual
 from twin_daemon.daemon.settings import DaemonSettings
 from twin_daemon.daemon.timing import Timing
-from twin_daemon.gate.gate import Gate
-from twin_daemon.hand.naming import match
 from twin_daemon.simulation.twin import TwinModel
 
 # A command whose stamp is farther than this from the hand's clock was stamped by another clock.
 _CLOCK_SKEW_NS = 1_000_000_000
-_TELL_AGAIN_S = 10.0
 
 
 class TwinService:
     """One hand's live twin.
 
-    `version` describes the model in use, as the version query answers it (at least "id"). A `gate` is told what is
-    seen of the hand.
+    `version` describes the model in use, as the version query answers it (at least "id"). `gate` tells what is known of
+    the hand's gate, None where there is none.
     """
 
     def __init__(
@@ -50,9 +47,10 @@ class TwinService:
         monotonic_s: Callable[[], float] = time.monotonic,
         wall_ns: Callable[[], int] = time.time_ns,
         journal: Path | None = None,
-        gate: Gate | None = None,
+        gate: Callable[[], dict[str, Any] | None] | None = None,
     ) -> None:
-        self.gate = gate
+        self.gate = gate or (lambda: None)
+        self._gated = gate is not None
         self.settings = settings or DaemonSettings()
         self.hand = twin.hand
         self.namespace = twin.hand.description.namespace
@@ -71,13 +69,13 @@ class TwinService:
         self.loop: dict[str, Any] = {}
         self.predicted = np.full(len(twin.joints), np.nan)
         self.stamp_ns: int | None = None
-        self.intake = Intake(twin.joints, *_joint_ranges(twin))
+        self.intake = Intake(twin.joints, *joint_ranges(twin))
         self._last_residual_s = -np.inf
         self._was_stale = True
         self.names_source: Callable[[str], str] = repr
-        self._doubts_told_s: dict[str, float] = {}
+        self._doubts = Doubts(self.tell)
         self._lock = threading.RLock()
-        self._load(Ready.made(twin, self.settings, None), version)
+        self._load(Ready.made(twin, self.settings), version)
         self.tell("started", f"the twin of {self.hand.description.name} runs version {version['id']}")
 
     # -- in ------------------------------------------------------------------------------------------------
@@ -110,8 +108,6 @@ class TwinService:
                 if send is not None:
                     send(predicted)
             finally:
-                if self.gate is not None:
-                    self.gate.measured(self.mirror.position, self.mirror.arrival_s, self._efforts(sample))
                 if self.timing.add(accepted.stamp_ns, arrival_ns) == "clock_jump":
                     self.tell("clock_jump", "the hand's clock was set: its stamps jump while its messages come in step")
                 self._compare(prediction, accepted.index, following)
@@ -133,29 +129,15 @@ class TwinService:
                 self._tell_drift(alarm)
 
     def _doubted(self, doubt: Doubt) -> None:
-        """Ends what the gate does where it is serious, and says once in a while who it was."""
-        why, now_s = in_words(doubt, self.names_source), self.monotonic_s()
-        if doubt.serious and self.gate is not None:
-            self.gate.doubt(doubt.kind, why, now_s)
-        told_s = self._doubts_told_s.get(doubt.kind, -np.inf)
-        if doubt.kind == "source_changed" or now_s - told_s > _TELL_AGAIN_S:
-            self._doubts_told_s[doubt.kind] = now_s
-            self.tell(doubt.kind, why, {"source": doubt.source, "believed": doubt.believed, "back_s": doubt.back_s})
-
-    def _efforts(self, sample: JointSample) -> dict[str, float] | None:
-        """The efforts that the gate has limits for, by joint."""
-        watched = self.gate.settings.effort_limit if self.gate is not None else {}
-        if not watched or not len(sample.effort):
-            return None
-        by_name = dict(zip(sample.names, sample.effort.tolist(), strict=True))
-        found = {joint: by_name[name] for joint in watched if (name := match(joint, by_name)) is not None}
-        return {joint: value for joint, value in found.items() if np.isfinite(value)}
+        """Says once in a while who it was, where no gate does: that has the links of all others, and names them."""
+        if not self._gated:
+            self._doubts.tell(doubt, self.names_source, self.monotonic_s())
 
     def on_command(self, sample: JointSample) -> bool:
         """One decoded command. True if the model follows it."""
         with self._lock:
             self.commands_received += 1
-            kind = self._wrong_with(sample)
+            kind = wrong_with(sample)
             if kind is None:
                 first = self.predictor.state != "following"
                 if not self.predictor.command(self._command_stamp(sample.stamp_ns), sample.names, sample.position):
@@ -166,24 +148,7 @@ class TwinService:
                 self.command_counts[kind] += 1
                 return False
             self.command_arrival_s = self.monotonic_s()
-            if self.gate is not None:
-                # a bridge to ROS sends back what it was sent
-                source = None if sample.source.startswith(ROS_SOURCE) else sample.source
-                self.gate.seen(sample.stamp_ns, sample.names, sample.position, self.command_arrival_s, source)
             return True
-
-    @staticmethod
-    def _wrong_with(sample: JointSample) -> str | None:
-        if not sample.names:
-            return "empty"
-        if len(sample.names) > MAX_NAMES or sample.stamp_ns < 0:
-            return "malformed"
-        if len(sample.position) != len(sample.names):
-            return "length_mismatch"
-        if len(set(sample.names)) < len(sample.names):
-            return "duplicate_names"
-        finite = sample.position[np.isfinite(sample.position)]
-        return "out_of_range" if (np.abs(finite) > 100.0).any() else None
 
     def _command_stamp(self, stamp_ns: int) -> int:
         """The moment from which a command holds, in the hand's clock."""
@@ -209,7 +174,7 @@ class TwinService:
 
     def ready(self, twin: TwinModel) -> Ready:
         """Makes ready another model of the same joints, for `use`; from any thread, and nothing waits for it."""
-        return Ready.made(twin, self.settings, self.gate)
+        return Ready.made(twin, self.settings)
 
     def use(self, model: Ready, version: dict[str, Any]) -> None:
         """Goes on with another model; it starts at the next measurement."""
@@ -234,8 +199,6 @@ class TwinService:
         self.predictor, self.posture = model.predictor, model.posture
         self.version_info = version
         self._mjcf: str | None = None
-        if self.gate is not None and model.foresight is not None:
-            self.gate.use(model.foresight)
 
     # -- out -----------------------------------------------------------------------------------------------
 
@@ -315,9 +278,3 @@ class TwinService:
                 "recent_rmse_rad": number(alarm.recent_rmse_rad),
             },
         )
-
-
-def _joint_ranges(twin: TwinModel) -> tuple[np.ndarray, np.ndarray]:
-    """((j,), (j,)) rad: the range of each joint, infinite where it has no limit."""
-    ranges = np.array([twin.hand.joint_range_rad.get(name, (-np.inf, np.inf)) for name in twin.joints])
-    return ranges[:, 0], ranges[:, 1]

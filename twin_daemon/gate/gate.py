@@ -252,7 +252,7 @@ class Gate:
     def _do(self, asked: Asked, now_s: float) -> None:
         held = self._held_by(asked)
         if held is not None:  # whoever does not hold the lease does not keep it alive
-            held.beat_s = now_s
+            held.beat(now_s)
         if asked.verb == "arm" and asked.who is not None:
             if held is not None:
                 held.until_s, held.reason = now_s + asked.lease_s, asked.reason
@@ -464,12 +464,12 @@ class Gate:
 
     def _seen_turn(self, now_s: float, since_s: float) -> Turn:
         lease = self._lease
-        silent_s = now_s - lease.beat_s if lease is not None and self._motion is not None else 0.0
         return Turn(
             now_s=now_s,
             since_last_turn_s=since_s,
             lease_left_s=0.0 if lease is None else lease.until_s - now_s,
-            commander_silent_s=silent_s,
+            commander_silent_s=now_s - lease.beat_s if lease is not None and self._motion is not None else 0.0,
+            commander_patience_s=lease.patience_s(self.settings) if lease is not None else np.inf,
             names=self.limits.names,
             setpoint=self._shaper.position,
             measured=self._senses.by_command(),

@@ -19,6 +19,7 @@ from twin_daemon.privileges import as_root
 
 Role = Literal["operator", "viewer", "hand"]
 ANONYMOUS = "anonymous"
+INTERNAL = "-daemon"  # what no identity of a file can be called
 KEYS = "keys.json"
 _MAX_PROOF_BYTES = 1000
 _ANSWER = "answer/"  # no verb, so that a proof of a reply proves no request
@@ -107,6 +108,12 @@ class Keyring:
             return False
         right = self.answer_proof(name, verb, request, reply).code
         return hmac.compare_digest(right.encode(), proof.code.encode(errors="replace"))
+
+    def among_ourselves(self) -> Keyring:
+        """A keyring of one identity, INTERNAL, for those who hold this whole file: the gate and its daemon."""
+        whole = "".join(f"{name}:{one.key};" for name, one in sorted(self._identities.items()))
+        key = hashlib.sha256(f"gate and daemon;{whole}".encode()).hexdigest()
+        return Keyring({INTERNAL: Identity(role="hand", key=key)})
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -6,6 +6,10 @@ import hmac
 import secrets
 from dataclasses import dataclass, field
 
+from twin_daemon.gate.settings import GateSettings
+
+_FORGETS, _USUALS = 0.9, 7.0
+
 
 @dataclass
 class Lease:
@@ -17,7 +21,18 @@ class Lease:
     until_s: float
     beat_s: float
     sequence: int
+    every_s: float = 1.0  # between two signs of life, lately; a few quick ones prove no habit
     token: str = field(default_factory=lambda: secrets.token_hex(16), repr=False)
+
+    def beat(self, now_s: float) -> None:
+        """A sign of life of the holder."""
+        self.every_s = max(now_s - self.beat_s, _FORGETS * self.every_s)
+        self.beat_s = now_s
+
+    def patience_s(self, settings: GateSettings) -> float:
+        """How long the holder may be silent: seven times what is usual with him. One who speaks 125 times a second is
+        missed as soon as the hand would be."""
+        return min(settings.heartbeat_s, max(settings.state_timeout_s, _USUALS * self.every_s))
 
     def is_held(self, name: str, token: str) -> bool:
         """Whether this name with this token is who holds it."""

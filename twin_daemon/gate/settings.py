@@ -7,6 +7,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 LONGEST_LEASE_S = 3600.0
+_LONGEST_SILENCE_S = 5.0
 
 
 class CommandLimit(BaseModel):
@@ -50,10 +51,18 @@ class GateSettings(BaseModel):
     rate_hz: float = Field(default=125.0, ge=20.0, le=1000.0, description="commands a second while something moves")
     lease_s: float = Field(default=60.0, gt=0.0, le=LONGEST_LEASE_S, description="of an arming that names none")
     heartbeat_s: float = Field(
-        default=1.0, ge=0.05, le=10.0, description="a motion is held when its commander is silent for so long"
+        default=1.0,
+        ge=0.05,
+        le=10.0,
+        description="a motion is held when its commander is silent for so long, or "
+        "for seven times as long as is usual with him",
     )
     state_timeout_s: float = Field(
-        default=0.3, ge=0.02, le=5.0, description="a motion is held when the hand is silent for so long"
+        default=0.07,
+        ge=0.02,
+        le=_LONGEST_SILENCE_S,
+        description="a motion is held when the hand or the daemon is silent for so long, or the gate stood still; of a "
+        "hand slower than 125 Hz nine of its periods",
     )
     command_age_s: float = Field(default=2.0, gt=0.0, le=60.0, description="an older request is refused")
     speed: float = Field(default=1.0, gt=0.0, le=1.0, description="share of the velocity limits that may be used")
@@ -95,3 +104,11 @@ class GateSettings(BaseModel):
         default=0.001, ge=0.0, le=0.05, description="deepest overlap of two bodies of the hand that is not refused"
     )
     limits: dict[str, CommandLimit] = Field(default_factory=dict, description="by command")
+
+    def for_rate(self, rate_hz: float) -> GateSettings:
+        """The same for a hand that speaks so often: where no `state_timeout_s` is given, one slower than 125 Hz may be
+        silent for nine of its periods."""
+        if "state_timeout_s" in self.model_fields_set:
+            return self
+        longest_s = min(max(self.state_timeout_s, 9.0 / rate_hz), _LONGEST_SILENCE_S)
+        return self.model_copy(update={"state_timeout_s": longest_s})

@@ -28,6 +28,7 @@ class Turn:
     since_last_turn_s: float
     lease_left_s: float
     commander_silent_s: float
+    commander_patience_s: float
     names: tuple[str, ...]
     setpoint: np.ndarray
     measured: np.ndarray
@@ -99,7 +100,7 @@ class Trips:
         return Trip("standstill", f"the gate itself stood still for {turn.since_last_turn_s:.2f} s")
 
     def _commander(self, turn: Turn) -> Trip | None:
-        if turn.commander_silent_s <= self._settings.heartbeat_s:
+        if turn.commander_silent_s <= turn.commander_patience_s:
             return None
         return Trip("commander", f"the commander has been silent for {turn.commander_silent_s:.2f} s")
 

@@ -149,13 +149,14 @@ class Keys(_Strict):
     recalibration: Name = "twin/{ns}/recalibration"
     command: Name = "twin/{ns}/command/{verb}"
     driver_stop: Name = "twin/{ns}/driver/stop"
+    gate: Name = "twin/{ns}/gate/{verb}"
     keep: Name = "twin/{ns}/keep"
     alive: Name = "twin/{ns}/alive"
 
     @model_validator(mode="after")
     def _placeholders(self) -> Keys:
         for key, text in self:
-            _template(text, {"ns", "verb"} if key == "command" else {"ns"})
+            _template(text, {"ns", "verb"} if key in ("command", "gate") else {"ns"})
         return self
 
 
