@@ -49,7 +49,7 @@ class Gatekeeper:
         daemon_silent_s: Callable[[float], float] = lambda _: 0.0,
     ) -> None:
         self.gate = gate
-        gate.witness = register
+        gate.witness, gate.clock = register, time.monotonic
         self._register = register
         self._keyring = keyring
         self._recalibrate = recalibrate

@@ -51,3 +51,18 @@ def test_a_slower_hand_may_be_silent_for_nine_of_its_periods() -> None:
     assert GateSettings().for_rate(1000.0).state_timeout_s <= 0.08
     assert GateSettings().for_rate(30.0).state_timeout_s == pytest.approx(0.3)
     assert GateSettings(state_timeout_s=0.05).for_rate(30.0).state_timeout_s == 0.05
+
+
+def test_the_time_that_a_plan_takes_is_not_the_commanders_silence(rig: Rig) -> None:
+    rig.arm()
+    for _ in range(200):  # one who is used to speak 125 times a second
+        rig.ask("beat", ANN)
+        rig.turn()
+    planned_s = rig.now_s + 0.5
+    rig.gate.clock = lambda: planned_s
+    assert rig.ask("move", ANN, targets={"rh_FFJ3": 1.4}, seconds=8.0)["accepted"]
+    rig.now_s = planned_s
+    rig.hear()
+    rig.gate._last_turn_s = planned_s  # the turns went on meanwhile
+    rig.turn()
+    assert rig.status["mode"] == "armed", rig.status["ended"]

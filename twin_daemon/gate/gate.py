@@ -92,14 +92,14 @@ class Gate:
         self._mode = "read_only"
         self._lease: Lease | None = None
         self._sequences = Sequences()
-        self._ended = ""
-        self._latch = latch
+        self._ended, self._latch = "", latch
         if latch is not None and latch.why is not None:
             self._mode, self._ended = "stopped", latch.why
         self._generation = 0
         self._motion: Motion | None = None
         self._last_turn_s: float | None = None
         self._own = OwnCommands()
+        self.clock: Callable[[], float] = lambda: -np.inf  # planning is not the commander's silence
         self.outlet = ""
         self.names_source: Callable[[str], str] = repr
         self._sent_s = self._first_sent_s = -np.inf
@@ -177,7 +177,7 @@ class Gate:
                 found = None if motion is None else planner.rehearse(motion, situation.setpoint, measured)
                 return self._answer(asked, refusal, now_s) | {"dry_run": True, "rehearsal": found}
             was_driving = self.driving
-            answer = self._decide(asked, refusal, generation, now_s)
+            answer = self._decide(asked, refusal, generation, max(now_s, self.clock()))
         if verb != "stop":
             return answer
         return answer | {"latched": True, "was_driving": was_driving} | self._latched(answer["gate"]["ended"])
