@@ -111,9 +111,9 @@ def _rules(keyring: Keyring, description: HandDescription, ros: RosKeys | None, 
         return description.key("command", verb=verb)
 
     streams = [*heard_keys(description).values(), *(ros.subscribed.values() if ros is not None else ())]
-    told = [description.key(name) for name in ("twin_joint_states", "residual", "events", "health")]
+    told = [description.key(name) for name in ("twin_joint_states", "residual", "events", "health", "announcement")]
     told += [ros.published] if ros is not None else []
-    asked = [*(description.key(name) for name in _LOOK), command("status"), command("stop")]
+    asked = [*(description.key(name) for name in _LOOK), command("status"), command("stop"), command("cancel")]
     work = [description.key(name) for name in _WORK]
     alive = [description.key("alive"), description.keys.alive.format(ns="**")]  # who looks for hands asks for all
     own_stop = [description.key("driver_stop"), *filter(None, [description.stop and description.stop.zenoh_key])]
@@ -129,7 +129,7 @@ def _rules(keyring: Keyring, description: HandDescription, ros: RosKeys | None, 
         _rule("work", "ingress", ["query"], work),
         _rule("command", "ingress", ["query"], [command("*")]),
         _rule("stream", "ingress", ["put"], [command("target"), command("beat")]),
-        _rule("stop", "ingress", ["put"], [command("stop")]),
+        _rule("stop", "ingress", ["put"], [command("stop"), command("cancel")]),
         _rule("speak", "ingress", ["put"], streams),
         _rule(
             "daemon",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import threading
 import time
 from collections.abc import Iterator
@@ -136,3 +137,12 @@ class Commander:
 def who_stops(session: zenoh.Session, description: HandDescription) -> Commander:
     """Anybody at this machine who stops a hand, with the key that is at hand to check who answers."""
     return Commander(session, description, *keys_of_the_machine())
+
+
+def cancel_automatic(session: zenoh.Session, description: HandDescription, reason: str) -> dict[str, Any]:
+    """Cancels a motion of the twin's own; anybody may. `cancelled` says whether there was one. Raises NoAnswer."""
+    key = description.key("command", verb="cancel")
+    for reply in session.get(key, payload=json.dumps({"reason": reason}), timeout=_PATIENCE_S):
+        if reply.ok is not None:
+            return json.loads(reply.ok.payload.to_bytes())
+    raise NoAnswer(f"nothing answered at {key}: NOT cancelled", todo="Use 'twin command stop', or the hand's own stop")

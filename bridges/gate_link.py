@@ -90,9 +90,10 @@ class GateEnd:
         payload, proof = self._signer.signed("told", body)
         self._told.put(payload, attachment=proof)
 
-    def recalibrate(self, who: str) -> str | None:
-        """Lets the daemon begin a recalibration in somebody's name; why not, if not."""
-        payload, proof = self._signer.signed("recalibrate", {"who": who})
+    def recalibrate(self, who: str, status: dict[str, Any]) -> str | None:
+        """Lets the daemon begin a recalibration in somebody's name; why not, if not. It judges by this status of the
+        gate: the one that it was told last is older."""
+        payload, proof = self._signer.signed("recalibrate", {"who": who, "status": status})
 
         def proves(content: bytes, attachment: bytes | None) -> bool:
             return self._signer.proves("recalibrate", payload, content, attachment)
@@ -175,7 +176,9 @@ class DaemonEnd:
             who = self._own.who("recalibrate", payload, proof)
             if proof is None or who is None or who.name != INTERNAL:
                 return
-            answer = json.dumps({"why": self._begin(str(json.loads(payload)["who"]))}).encode()
+            asked = json.loads(payload)
+            self._status = asked["status"]
+            answer = json.dumps({"why": self._begin(str(asked["who"]))}).encode()
             signed = self._own.answer_proof(INTERNAL, "recalibrate", payload, answer).encode()
             query.reply(self._key, answer, attachment=signed)
 

@@ -13,7 +13,7 @@ from twin_daemon.errors import BadInput
 from twin_daemon.gate.identity import Keyring, Proof, keys_file, load_keyring
 from twin_daemon.resources import state_dir
 
-_WITHOUT_LEASE = ("stop", "release", "recalibrate")
+_WITHOUT_LEASE = ("stop", "release", "recalibrate", "cancel")
 
 
 class Signer:

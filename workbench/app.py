@@ -38,6 +38,7 @@ _HERE = Path(__file__).parent
 _MOST_BYTES = 64 * 1024
 _STATUS: dict[type[TwinError], int] = {UsageError: 400, BadInput: 400, Refused: 409, NoAnswer: 503}
 _STOP = "/api/stop"
+_CANCEL = "/api/cancel"
 
 Answer = Callable[[dict[str, Any]], Any]
 Ending = Callable[[], None]
@@ -110,6 +111,7 @@ def build(
         WebSocketRoute("/live", stream_of(hands)),
         posting("/api/keep", lambda body: hands.addressed(body.get("hand")).keep()),
         posting(_STOP, stop),
+        posting(_CANCEL, lambda body: hands.addressed(body.get("hand")).cancel(_reason(body, "from the workbench"))),
         posting("/api/release", release),
         *more,
         Mount("/static", StaticFiles(directory=_HERE / "static")),
@@ -122,7 +124,7 @@ def build(
                 Allowance,
                 token=token,
                 hosts=tuple(hosts),
-                free=(_STOP,),
+                free=(_STOP, _CANCEL),
                 local=local,
                 public=("/static/", plotly_path, "/report.css"),
                 entrance=(_HERE / "templates" / "entrance.html").read_text(encoding="utf-8"),

@@ -13,7 +13,7 @@ import zenoh
 
 from bridges import cdr
 from bridges.client import ask
-from bridges.commander import Commander, who_stops
+from bridges.commander import Commander, cancel_automatic, who_stops
 from bridges.connection import Connection
 from bridges.guard import Guard
 from bridges.stopping import OWN_STOP, in_words, is_safe
@@ -47,6 +47,7 @@ class Live:
         self._lock = threading.Lock()
         self._heard_s: float | None = None
         self._health: dict[str, Any] = {}
+        self._announced: tuple[float, dict[str, Any]] = (0.0, {})
         self._answers: dict[str, dict[str, Any]] = {}
         self._events: list[dict[str, Any]] = []
         self._ended = threading.Event()
@@ -93,6 +94,7 @@ class Live:
                 "version_title": version.get("title") or version.get("kind"),
                 "recalibration": next_fit.get("words"),
                 "gate": health.get("gate"),
+                "automatic": self._moves_by_itself(),
                 "drift": drift.get("verdict"),
                 "drifting_joints": drift.get("drifting_joints", []),
                 "age_s": health.get("age_s"),
@@ -107,6 +109,13 @@ class Live:
                 "events": self._events[-_EVENTS:],
                 "unreadable": self._guard.errors,
             }
+
+    def _moves_by_itself(self) -> str | None:
+        """What is announced, in words; None where nothing is, or nobody has said so lately."""
+        heard_s, told = self._announced
+        if told.get("phase", "none") == "none" or time.monotonic() - heard_s > SILENT_S:
+            return None
+        return str(told.get("words"))
 
     def _words(self, presence: Presence) -> str:
         if presence == "unreachable":
@@ -139,6 +148,10 @@ class Live:
             raise NoAnswer("the gate cannot be reached: NOT stopped", todo=OWN_STOP)
         report = who_stops(self._session, self._description).stop(reason)
         return report | {"words": in_words(report), "safe": is_safe(report)}
+
+    def cancel(self, reason: str) -> dict[str, Any]:
+        """Cancels a motion that begins by itself; anybody may. Raises NoAnswer."""
+        return cancel_automatic(self._there(), self._description, reason)
 
     def release_hand(self, reason: str, name: str = "", key: str = "") -> dict[str, Any]:
         """The gate's answer to a release in the name of a person who gives his own key, for this one request; without
@@ -180,6 +193,7 @@ class Live:
             "twin_joint_states": self._on_predicted,
             "health": self._on_health,
             "events": self._on_event,
+            "announcement": self._on_announcement,
         }.items():
             self._subscribers.append(self._subscribe(self._session, name, handle))
         while not self._ended.is_set():
@@ -212,6 +226,9 @@ class Live:
             self._events = list(health.get("events") or [])
         if news:
             self._ask_now.set()
+
+    def _on_announcement(self, payload: bytes) -> None:
+        self._announced = time.monotonic(), dict(json.loads(payload))
 
     def _on_event(self, payload: bytes) -> None:
         event = json.loads(payload)

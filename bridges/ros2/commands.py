@@ -24,7 +24,7 @@ from bridges.ros2.requests import Requests
 from bridges.stopping import AFTER_S, stop_report
 from twin_daemon.daemon.messages import MalformedPayload
 
-VERBS = ("arm", "disarm", "stop", "release", "recalibrate")
+VERBS = ("arm", "disarm", "stop", "release", "recalibrate", "cancel")
 # Of a stream the newest target is the one that counts.
 _STREAM = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
@@ -91,7 +91,7 @@ class Commands:
             lease_s = self._node.get_parameter(LEASE).value or 0.0
             reason = {"reason": self._node.get_parameter(ARM_REASON).value or ""}
             return reason | ({"lease_s": lease_s} if lease_s > 0.0 else {})
-        return {"reason": f"{verb} over ROS 2"} if verb in ("stop", "release") else {}
+        return {"reason": f"{verb} over ROS 2"} if verb in ("stop", "release", "cancel") else {}
 
     # -- topics --------------------------------------------------------------------------------------------
 

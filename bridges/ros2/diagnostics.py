@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -10,12 +12,13 @@ from rclpy.clock import Clock
 from rclpy.node import Node
 
 from bridges.guard import Guard
-from bridges.ros2.conversions import OK, WARN, diagnosis, gate_diagnosis
+from bridges.ros2.conversions import OK, WARN, diagnosis, gate_diagnosis, key_values
 from bridges.ros2.link import ZenohLink
 from bridges.ros2.requests import Requests
 from twin_daemon.hand import HandDescription
 
 _LONGEST_WAIT_S = 2.0
+_ANNOUNCED_S = 3.0  # it is said several times a second; who says nothing more has gone
 
 
 class Diagnostics:
@@ -45,6 +48,24 @@ class Diagnostics:
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._timer = node.create_timer(period_s, guard.around("the diagnostics", self._ask), clock=clock)
         self.period_s = period_s
+        self._announced: tuple[float, dict[str, Any]] = (0.0, {})
+
+    def announced(self, payload: bytes) -> None:
+        """A motion that begins by itself is coming, under way or over. Raises ValueError for no JSON object."""
+        told = json.loads(payload)
+        if not isinstance(told, dict):
+            raise ValueError("an announcement is no JSON object")
+        news = told.get("phase") != self._announced[1].get("phase")
+        self._announced = time.monotonic(), told
+        if news:
+            self._ask()  # whoever watches the diagnostics is to see it at once
+
+    def _automatic(self) -> DiagnosticStatus:
+        heard_s, told = self._announced
+        silent = time.monotonic() - heard_s > _ANNOUNCED_S
+        if told.get("phase", "none") == "none" or silent:
+            return self._status("automatic motion", OK, "no automatic motion", {})
+        return self._status("automatic motion", WARN, str(told.get("words")), key_values(told))
 
     def change_period(self, period_s: float) -> None:
         self.period_s = period_s
@@ -76,7 +97,7 @@ class Diagnostics:
             self._status("bridge", OK if connected else WARN, own_message, own),
         ]
         if "mode" in gate:  # a hand without motors has none
-            array.status.append(self._status("gate", *gate_diagnosis(gate)))
+            array.status += [self._status("gate", *gate_diagnosis(gate)), self._automatic()]
         self._publisher.publish(array)
 
     def _status(self, part: str, level: int, message: str, values: dict[str, str]) -> DiagnosticStatus:

@@ -98,6 +98,9 @@ class TwinBridge(Node):
                 steady,
                 self.counts,
             )
+            self.link.hear(
+                settings.description.key("announcement"), guard("an announcement", self._diagnostics.announced)
+            )
             self.add_post_set_parameters_callback(self._parameters_changed)
         except BaseException:
             self.link.close()

@@ -31,9 +31,9 @@ SLOW_MACHINE = {"gate": {"heartbeat_s": 2.0, "state_timeout_s": 2.0, "command_ag
 class Scene:
     """A daemon, a hand that waits for commands, and a session of somebody who watches."""
 
-    def __init__(self, twin: Any, tmp_path: Path, state_dir: Path, *hand: str) -> None:
+    def __init__(self, twin: Any, tmp_path: Path, state_dir: Path, *hand: str, **more: Any) -> None:
         config = tmp_path / "twin.yaml"
-        config.write_text(yaml.safe_dump(SLOW_MACHINE))
+        config.write_text(yaml.safe_dump(SLOW_MACHINE | more))
         self.twin = twin
         self.log = state_dir / "hands" / NS / "audit.jsonl"
         self.keys = state_dir / "keys.json"

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from twin_daemon.cli.options import HandName, Model, Seconds, VersionRef
-from twin_daemon.cli.run import AUDIT, Endpoint, Namespace, hand_folder, load_named
+from twin_daemon.cli.run import AUDIT, Endpoint, Namespace, hand_folder, load_named, machine_keyring
 from twin_daemon.cli.session import silence_mujoco
 from twin_daemon.errors import BadInput, TwinError
 from twin_daemon.resources import state_dir
@@ -104,7 +104,6 @@ def _serve(
     from twin_daemon.daemon.promotions import Promotions
     from twin_daemon.gate.audit import AuditLog
     from twin_daemon.gate.gate import Gate
-    from twin_daemon.gate.identity import ensure_keyring, keys_file
     from twin_daemon.gate.latch import Latch
 
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s gate: %(message)s")
@@ -116,7 +115,7 @@ def _serve(
     address = choose_endpoint(endpoint or settings.endpoint)
     silence_mujoco()
     folder = hand_folder(description.namespace)
-    keyring = ensure_keyring(keys_file(state_dir()))
+    keyring = machine_keyring(settings.recalibration)
     ros = RosKeys(settings.ros) if settings.ros is not None else None
     access = access_of(settings.access, address, keyring, description, folder, ros)
     source = ModelSource(chosen, version or settings.version)
@@ -143,7 +142,11 @@ def _serve(
         audit = AuditLog(folder / AUDIT)
         stack.callback(audit.close)
         register = Register(audit, link.tell)
-        keeper = Gatekeeper(session, gate, register, keyring, description, link.recalibrate, link.silent_s)
+
+        def recalibrate(who: str) -> str | None:
+            return link.recalibrate(who, keeper.status())
+
+        keeper = Gatekeeper(session, gate, register, keyring, description, recalibrate, link.silent_s)
         stack.callback(keeper.close)
         ears = Ears(session, description, Ear(twin, gate, link.tell), ros)
         stack.callback(ears.close)

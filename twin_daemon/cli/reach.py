@@ -134,6 +134,26 @@ def stop(
     people(json).print(f"{in_words(report)}. 'twin command release' undoes it")
 
 
+@app.command("cancel")
+def cancel(
+    reason: Reason = "",
+    hand: HandName = None,
+    model: Model = None,
+    namespace: Namespace = None,
+    endpoint: Endpoint = None,
+    json: Json = None,
+) -> None:
+    """Cancel a motion that the twin is about to begin by itself, or has begun. Anybody may do it."""
+    from bridges.client import connect
+    from bridges.commander import cancel_automatic
+    from bridges.session import choose_endpoint
+
+    description = load_named(hand, model, namespace).description
+    with connect(choose_endpoint(endpoint), 5.0) as session:
+        answer = cancel_automatic(session, description, reason or "twin command cancel")
+    _tell(answer, json, str(answer["why"]))
+
+
 @app.command("release")
 def release(
     reason: Reason = "",

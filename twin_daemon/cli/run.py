@@ -28,7 +28,9 @@ if TYPE_CHECKING:
     from twin_daemon.daemon.promotions import Promotions
     from twin_daemon.daemon.service import TwinService
     from twin_daemon.daemon.settings import DaemonSettings
+    from twin_daemon.gate.identity import Keyring
     from twin_daemon.hand import Hand
+    from twin_daemon.recalibration.settings import RecalibrationSettings
 
 log = logging.getLogger("twin")
 
@@ -59,6 +61,7 @@ def command(
 ) -> int:
     """Run the live twin: follow the hand, predict it, measure the error, answer questions. Ends on SIGTERM."""
     from bridges.access import access_of, daemon_login, require_fitting
+    from bridges.announcer import Announcer
     from bridges.diagnoser import Diagnoser
     from bridges.gate_link import DaemonEnd
     from bridges.gate_process import GateProcess
@@ -75,7 +78,6 @@ def command(
     from twin_daemon.daemon.notify import Notifier
     from twin_daemon.daemon.promotions import Promotions
     from twin_daemon.daemon.service import TwinService
-    from twin_daemon.gate.identity import ensure_keyring, keys_file
 
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
     settings = load_config(config, os.environ).config
@@ -85,7 +87,7 @@ def command(
     require_fitting(settings.access, address)
     silence_mujoco()
     folder = hand_folder(chosen.description.namespace)
-    keyring = ensure_keyring(keys_file(state_dir()))
+    keyring = machine_keyring(None if gate_apart else settings.recalibration)
     named = [*named_hand(hand, model), "--namespace", chosen.description.namespace, "--endpoint", address]
     with on_termination() as stop, contextlib.ExitStack() as stack:
         process = None
@@ -127,6 +129,9 @@ def command(
         stack.callback(diagnoser.close)
         recalibrator = Recalibrator(settings.recalibration, keeper, service, source.store, folder, named)
         stack.callback(recalibrator.close)
+        announcer = Announcer(session, chosen.description, recalibrator.cancel)
+        stack.callback(announcer.close)
+        recalibrator.announces(announcer, keyring)
         promotions = Promotions(source, service.ready)
         stack.callback(promotions.close)
         answers = {
@@ -182,6 +187,24 @@ def command(
 def hand_folder(namespace: str) -> Path:
     """Where a daemon keeps what belongs to one hand in the network: events and audit log."""
     return state_dir() / "hands" / namespace.replace("/", "_")
+
+
+def machine_keyring(recalibration: RecalibrationSettings | None) -> Keyring:
+    """This machine's identities, made where there are none, with one for automatic runs where the settings ask for it.
+
+    Gate and daemon know each other by the whole file: only who starts before the other one may add to it.
+    """
+    from twin_daemon.gate.identity import ensure_identity, ensure_keyring, keys_file
+
+    path = keys_file(state_dir())
+    keyring = ensure_keyring(path)
+    if recalibration is None or recalibration.mode != "active":
+        return keyring
+    try:
+        return ensure_identity(path, keyring, recalibration.identity, "operator")
+    except OSError as error:
+        log.warning("no identity for automatic runs can be made: %s", error)  # and none of them begins
+        return keyring
 
 
 def load_named(hand: str | None, model: Path | None, namespace: str | None) -> Hand:

@@ -43,7 +43,7 @@ class Schedule:
         self._drifting: dict[str, int] = {}
         self.unfinished: Unfinished | None = None
         self.last = now
-        self._not_before = now
+        self._not_before, self._wait = now, timedelta(0)
         self.motion_s = 0.0
         try:
             kept = json.loads(path.read_text(encoding="utf-8"))
@@ -77,12 +77,12 @@ class Schedule:
 
     def due(self, now: datetime) -> str | None:
         """Why a run is due, in words; None while none is."""
-        if self._settings.mode == "off" or self._is_quiet(now):
+        if self._settings.mode == "off" or self.is_quiet(now):
             return None
         if self.last > now + _LONGEST_AHEAD:
             self.last = now  # the clock was set back
         least = timedelta(minutes=self._settings.least_minutes)
-        if now - self.last < least or timedelta(0) < self._not_before - now <= least:
+        if now - self.last < least or timedelta(0) < self._not_before - now <= self._wait:
             return None
         if self._drifting:
             return f"{', '.join(self._drifting)} drifted"
@@ -112,9 +112,11 @@ class Schedule:
         self.unfinished = None
         self.keep()
 
-    def postponed(self, now: datetime) -> None:
-        """A run that was due could not begin: what was due stays so, and is tried again after `least_minutes`."""
-        self._not_before = now + timedelta(minutes=self._settings.least_minutes)
+    def postponed(self, now: datetime, minutes: float = 0.0) -> None:
+        """A run that was due could not begin: what was due stays so, and is tried again after `least_minutes`, or after
+        `minutes` where that is later."""
+        self._wait = timedelta(minutes=max(minutes, self._settings.least_minutes))
+        self._not_before = now + self._wait
 
     def in_words(self, now: datetime) -> str:
         """When the next run is, for people."""
@@ -150,7 +152,8 @@ class Schedule:
         except OSError as error:
             log.warning("the schedule cannot be kept in %s: %s", self._path, error)
 
-    def _is_quiet(self, now: datetime) -> bool:
+    def is_quiet(self, now: datetime) -> bool:
+        """Whether no run begins now, scheduled or asked for."""
         if self._settings.quiet is None:
             return False
         begin, end = quiet_minutes(self._settings.quiet)

@@ -23,7 +23,7 @@ INTERNAL = "-daemon"  # what no identity of a file can be called
 KEYS = "keys.json"
 _MAX_PROOF_BYTES = 1000
 _ANSWER = "answer/"  # no verb, so that a proof of a reply proves no request
-_USUAL: dict[str, Role] = {"operator": "operator", "hand": "hand", "viewer": "viewer"}
+_USUAL: dict[str, Role] = {"operator": "operator", "hand": "hand", "viewer": "viewer", "automatic": "operator"}
 _Key = Annotated[str, Field(pattern=r"^[0-9a-f]{64,128}$")]
 
 
@@ -200,6 +200,15 @@ def ensure_keyring(path: Path) -> Keyring:
             path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         Keyring({name: new_identity(role) for name, role in _USUAL.items()}).save(path)
     return load_keyring(path)
+
+
+def ensure_identity(path: Path, keyring: Keyring, name: str, role: Role) -> Keyring:
+    """With this identity, too: it is added to the file where it is missing. Raises OSError where that cannot be."""
+    if name in keyring:
+        return keyring
+    added = keyring.changed(name, new_identity(role))
+    added.save(path)
+    return added
 
 
 def new_identity(role: Role) -> Identity:

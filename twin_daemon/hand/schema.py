@@ -147,6 +147,7 @@ class Keys(_Strict):
     diagnose: Name = "twin/{ns}/diagnose"
     diagnosis: Name = "twin/{ns}/diagnosis"
     recalibration: Name = "twin/{ns}/recalibration"
+    announcement: Name = "twin/{ns}/announcement"
     command: Name = "twin/{ns}/command/{verb}"
     driver_stop: Name = "twin/{ns}/driver/stop"
     gate: Name = "twin/{ns}/gate/{verb}"

@@ -14,7 +14,8 @@ class RecalibrationSettings(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     mode: Literal["off", "passive", "active"] = Field(
-        default="off", description="passive: fit what the hand did anyway; active: drive it along `trajectory` first"
+        default="off",
+        description="passive: fit what the hand did anyway; active: with consent, drive it along `trajectory`",
     )
     policy: Literal["ask", "automatic"] = Field(
         default="ask", description="ask: keep as a candidate; automatic: promote what is decided to be better"
@@ -35,7 +36,10 @@ class RecalibrationSettings(BaseModel):
     )
     nice: int = Field(default=19, ge=0, le=19, description="priority of its process; 19 is the lowest")
     trajectory: str = Field(default="rich_hand", description="of an active run")
-    identity: str = Field(default="operator", description="in whose name an active run arms the hand")
+    identity: str = Field(default="automatic", description="in whose name an active run arms the hand")
+    countdown_s: float = Field(
+        default=30.0, ge=5.0, le=3600.0, description="an active run is announced so long before the hand moves"
+    )
     probation_s: float = Field(
         default=600.0, ge=0.0, description="a promoted version that does worse live is rolled back within this time"
     )

@@ -35,6 +35,10 @@ export function start() {
     const answer = await post("/api/stop", { hand: facts.namespace, reason: "the stop of the workbench" });
     say(`${answer.words}.`, answer.safe ? "note" : "error");
   });
+  works(element("cancel"), async () => {
+    const answer = await post("/api/cancel", { hand: facts.namespace, reason: "the page of the workbench" });
+    say(`${answer.why}.`, "note");
+  });
   needsAllowance(element("release"));
   works(element("release"), async () => {
     const [reason, name, key] = ["reason", "name", "key"].map((part) => element(`release-${part}`).value);
@@ -103,6 +107,8 @@ function presence(word, look, words) {
 }
 
 function about(known) {
+  element("automatic").hidden = !known.automatic;
+  if (element("automatic-words").textContent !== (known.automatic ?? "")) element("automatic-words").textContent = known.automatic ?? "";
   element("release-box").hidden = known.gate !== "stopped";
   presence(known.presence.replace("_", " "), GOOD[known.presence] ?? "bad", known.words);
   drifting = known.drifting_joints;
