@@ -38,8 +38,8 @@ class _Heard:
         self._keyring = keyring
         self._last: dict[str, int] = {}
 
-    def opened(self, what: str, sample: zenoh.Sample) -> dict[str, Any] | None:
-        payload, attached = sample.payload.to_bytes(), sample.attachment
+    def opened(self, what: str, said: zenoh.Sample | zenoh.Query) -> dict[str, Any] | None:
+        payload, attached = b"" if said.payload is None else said.payload.to_bytes(), said.attachment
         proof = None if attached is None else Proof.decode(attached.to_bytes())
         who = self._keyring.who(what, payload, proof)
         if who is None or who.name != INTERNAL:
@@ -171,15 +171,12 @@ class DaemonEnd:
 
     def _asked(self, query: zenoh.Query) -> None:
         with query:
-            payload = b"" if query.payload is None else query.payload.to_bytes()
-            proof = None if query.attachment is None else Proof.decode(query.attachment.to_bytes())
-            who = self._own.who("recalibrate", payload, proof)
-            if proof is None or who is None or who.name != INTERNAL:
+            asked = self._heard.opened("recalibrate", query)
+            if asked is None or query.payload is None:
                 return
-            asked = json.loads(payload)
             self._status = asked["status"]
             answer = json.dumps({"why": self._begin(str(asked["who"]))}).encode()
-            signed = self._own.answer_proof(INTERNAL, "recalibrate", payload, answer).encode()
+            signed = self._own.answer_proof(INTERNAL, "recalibrate", query.payload.to_bytes(), answer).encode()
             query.reply(self._key, answer, attachment=signed)
 
     def close(self) -> None:

@@ -64,8 +64,8 @@ def test_the_hand_moves_by_itself_only_with_consent_and_until_anybody_cancels(sc
 
     announced()
     assert Commander(scene.session, scene.description).ask("stop", reason="smoke")["accepted"]
+    assert operator.ask("release", reason="no smoke")["accepted"]  # at once, and the stop has counted all the same
     until(lambda: told[-1]["phase"] == "none", 5.0)
-    assert operator.ask("release", reason="no smoke")["accepted"]
     time.sleep(ACTIVE["countdown_s"])
     assert scene.sent == []
     assert operator.status()["commander"] is None
@@ -82,6 +82,7 @@ def test_the_hand_moves_by_itself_only_with_consent_and_until_anybody_cancels(sc
     texts = [event["text"] for event in events if event["kind"] == "automatic"]
     assert [text.split(":")[0] for text in texts].count("the hand does not move by itself") == 3
     assert "my finger is in there" in " ".join(texts)
+    assert "stop (smoke)" in " ".join(texts)
     assert [entry["who"] for entry in entries_of(scene.log) if entry["verb"] == "trajectory"] == ["automatic"]
     lamp.undeclare()
 
