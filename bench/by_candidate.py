@@ -11,7 +11,7 @@ from twin_daemon.cli.session import open_session
 from twin_daemon.diagnosis.candidates import hypotheses
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.screening import Screening
-from twin_daemon.diagnosis.thresholds import FIRST_FIT_ROLLOUTS, FULL_FIT_ROLLOUTS
+from twin_daemon.diagnosis.thresholds import FULL_FIT_ROLLOUTS, RACE_ROLLOUTS
 from twin_daemon.estimation.partition import Reduction
 from twin_daemon.simulation.submodel import parts
 
@@ -36,7 +36,7 @@ def seconds_by_candidate(recording: Path, finger: str = "FF") -> dict[str, tuple
         starts, looked_s = _timed(screening.screen, first[key])
         entered, entered_s = _timed(screening.enter, starts[0]) if starts else (None, None)
         fitted, first_s = (
-            _timed(lambda r: screening.first_fit(r, FIRST_FIT_ROLLOUTS), entered) if entered else (None, None)
+            _timed(lambda r: screening.first_fit(r, RACE_ROLLOUTS[-1]), entered) if entered else (None, None)
         )
         _, full_s = _timed(lambda r: fit.full_fit(r, FULL_FIT_ROLLOUTS), fitted) if fitted else (None, None)
         found[key] = (looked_s, entered_s, first_s, full_s)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 _ROUNDING_RAD = 1e-9
+_COUNTS_MOVED = 4.0  # counts that a block has to travel, so that its readings change with every few samples
+_LEAST_BLOCKS = 8
 
 
 def noise_variance(values: np.ndarray) -> float:
@@ -12,15 +14,22 @@ def noise_variance(values: np.ndarray) -> float:
 
     Second differences cancel the motion: their mean square is 6 times the noise variance. They are taken over
     the quietest half of the recording, so that impacts and steps do not count as noise. A quantised sensor at
-    rest shows no differences at all, so a resolution q counts with q^2/12 at least.
+    rest hides its noise within one count, so it is judged where it moves, and a resolution q counts with q^2/12 at
+    least.
     """
     values = values[np.isfinite(values)]
     if values.size < 32:
         return resolution(values) ** 2 / 12.0
     squares = np.diff(values, n=2) ** 2
-    blocks = np.array([block.mean() for block in np.array_split(squares, max(8, squares.size // 25))])
+    pieces = max(8, squares.size // 25)
+    blocks = np.array([block.mean() for block in np.array_split(squares, pieces)])
+    count = resolution(values)
+    if count > 0.0:
+        travel = np.array([np.ptp(block) for block in np.array_split(values[1:-1], pieces)])
+        moved = blocks[travel > _COUNTS_MOVED * count]
+        blocks = moved if len(moved) >= _LEAST_BLOCKS else blocks
     quiet = np.sort(blocks)[: max(1, len(blocks) // 2)]
-    return float(max(quiet.mean() / 6.0, resolution(values) ** 2 / 12.0))
+    return float(max(quiet.mean() / 6.0, count**2 / 12.0))
 
 
 def resolution(values: np.ndarray) -> float:

@@ -64,8 +64,10 @@ def conclude(
     outcomes: Sequence[Outcome],
     touching: Sequence[str],
     interrupted: bool,
+    shared: Sequence[Finding] = (),
 ) -> Diagnosis:
-    findings = [_finding(item) for outcome in outcomes for item in outcome.accepted]
+    """`shared` are findings of several groups together, after which these are within the floor."""
+    findings = [*shared, *(_finding(item) for outcome in outcomes for item in outcome.accepted)]
     findings.sort(key=lambda f: -f.evidence_nats)
     above = [o for o in outcomes if not o.within_floor]
     unexplained = [o for o in above if o.left > 1.0]
@@ -80,7 +82,7 @@ def conclude(
         reason = f"{', '.join(touching)}: touching something, or too short: record some seconds clear of contacts"
     elif all(o.within_floor and o.undetectable for o in outcomes):
         verdict, reason = "not_excited", _too_poor(outcomes[0])
-    elif not above:
+    elif not above and not shared:
         verdict, reason = "within_noise", "what is left is what the sensors and the time step leave of a right model"
     elif unexplained:
         worst = max(unexplained, key=lambda o: o.left)

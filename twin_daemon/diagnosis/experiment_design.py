@@ -22,7 +22,7 @@ from twin_daemon.diagnosis.thresholds import (
 from twin_daemon.diagnosis.verdict import Diagnosis, Experiment, Finding
 from twin_daemon.effects import LIBRARY
 from twin_daemon.errors import BadInput
-from twin_daemon.estimation.thresholds import MODEL_FLOOR_RAD
+from twin_daemon.estimation.posterior import floor_variance
 from twin_daemon.hand.description import Hand
 from twin_daemon.signals.commands import CommandSignal
 from twin_daemon.signals.trajectory import Trajectory, allowed_range, load_trajectory, save_trajectory
@@ -124,7 +124,8 @@ def _separating(
     best = max(differences, key=lambda name: differences[name])
     title = f"{doubtful.effect}_or_{'_or_'.join(n.partition(':')[0] for n in list(candidates)[1:])}"
     path, reference = _written(motions[best], f"{title}_at_{doubtful.target}", folder, twin.hand)
-    over = differences[best] / MODEL_FLOOR_RAD
+    noise_rad = float(np.sqrt(floor_variance(train, measured or [train[0].joints[0]]).mean()))
+    over = differences[best] / noise_rad
     return Experiment(
         path=str(path),
         trajectory=reference,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -40,10 +41,11 @@ class Fit:
             found[variable.parameter] = variable.value(self.point[index])
         return found
 
-    @property
+    @cached_property
     def deviations(self) -> dict[str, float]:
-        """How many sigma each nuisance is from its prior."""
-        return self.problem.deviations(self.point)
+        """How many sigma each nuisance is from its prior, the zeros of readings ("<joint>.offset") among them."""
+        offsets = {f"{joint}.offset": sigma for joint, sigma in self.problem.offsets(self.point).items()}
+        return self.problem.deviations(self.point) | offsets
 
     @property
     def own_variables(self) -> list[tuple[int, EffectVariable]]:

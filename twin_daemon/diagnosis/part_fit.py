@@ -17,6 +17,7 @@ from twin_daemon.diagnosis.thresholds import (
     FORBIDDEN_SIGMA,
     GONE_FAR,
     LEAST_SHARE_OF_ERROR,
+    MOVED_SIGMA,
     NUISANCE_ROLLOUTS,
     SETTLED,
     SURE_FLOOR_SHARE,
@@ -25,7 +26,8 @@ from twin_daemon.diagnosis.thresholds import (
 )
 from twin_daemon.estimation.nuisances import beside, nuisance_variables
 from twin_daemon.estimation.posterior import Posterior, floor_and_corrections
-from twin_daemon.estimation.solvers.trust_region import Derivative, Descent, descend, searched
+from twin_daemon.estimation.solvers.trust_region import Derivative, Descent, descend, differenced, searched
+from twin_daemon.estimation.uncertainty import conditional_information
 from twin_daemon.estimation.variables import EffectVariable, OnsetVariable
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
@@ -53,7 +55,6 @@ class PartFit:
         self.twin = twin
         self.recordings = tuple(recordings)
         self.joints = tuple(joints)
-        self._own_columns = [twin.joints.index(joint) for joint in joints]
         values = [value for fit in found for value in fit.uncertain_values()]
         self.variables = (*nuisance_variables(twin, recordings, joints), *values)
         if after is None:
@@ -103,7 +104,11 @@ class PartFit:
         """Whether nuisances that are nowhere near their limits leave no more than the floor."""
         priors = rows[len(rows) - len(self.variables) :]
         data = float((rows**2).sum() - (priors**2).sum()) / self.problem.effective_samples
-        return data <= SURE_FLOOR_SHARE * FLOOR_CHI_SQUARE and float(np.abs(priors).max(initial=0.0)) < SURE_FLOOR_SIGMA
+        most = SURE_FLOOR_SHARE * FLOOR_CHI_SQUARE
+        if data > most or float(np.abs(priors).max(initial=0.0)) > SURE_FLOOR_SIGMA:
+            return False
+        offset = max(map(abs, self.problem.offsets(point).values()), default=0.0)
+        return offset < SURE_FLOOR_SIGMA and bool((self.problem.times_floor(point) <= most).all())
 
     # -- candidates ----------------------------------------------------------------------------------------
 
@@ -122,21 +127,29 @@ class PartFit:
         return frozenset({target}) if target in self.twin.joints else None
 
     @cached_property
+    def times_floor(self) -> np.ndarray:
+        """(k,) what the nuisances alone leave of each joint, in floors."""
+        return self.problem.times_floor(self.base.point)
+
+    @property
+    def within_floor(self) -> bool:
+        """Whether the nuisances alone leave of every joint what its sensor does."""
+        return bool((self.times_floor <= FLOOR_CHI_SQUARE).all())
+
+    @cached_property
     def suspects(self) -> set[str]:
         """Joints at which something may be missing: those above the floor, and those whose nuisances deviate.
 
         Where much is left, only what deviations beyond any plausible hand counts: nuisances go far to stand in for what
         is missing next to them.
         """
-        residuals = self.problem.joint_residuals(self.base.point[None])
-        squares = np.sum([(r[0] ** 2).sum(axis=0) for r in residuals], axis=0) / self.floor
-        known = np.maximum(np.sum([np.isfinite(r.measured).sum(axis=0)[self._own_columns] for r in self.recordings],
-                                  axis=0), 1)  # fmt: skip
-        above = (squares / known > FLOOR_CHI_SQUARE) & (squares > LEAST_SHARE_OF_ERROR * squares.sum())
+        above = (self.times_floor > FLOOR_CHI_SQUARE) & (
+            self.times_floor > LEAST_SHARE_OF_ERROR * self.times_floor.sum()
+        )
         found = {joint for joint, is_above in zip(self.joints, above, strict=True) if is_above}
-        within = self.base.chi_square <= FLOOR_CHI_SQUARE or not found
-        least, deviations = SUSPECT_SIGMA if within else FORBIDDEN_SIGMA, self.base.deviations
+        least, deviations = FORBIDDEN_SIGMA if found else SUSPECT_SIGMA, self.base.deviations
         found |= {joint for v in self.variables if abs(deviations[v.name]) > least for joint in v.joints}
+        found |= {joint for joint in self.joints if abs(deviations.get(f"{joint}.offset", 0.0)) > least}
         for group in self.groups:
             found |= group if group & found else set()
         return (found & set(self.joints)) or set(self.joints)
@@ -202,7 +215,7 @@ class PartFit:
         self, hypothesis: Hypothesis, problem: Posterior, point: np.ndarray, evaluations: int
     ) -> tuple[Posterior, Descent]:
         fit = self._descended(hypothesis, problem, point, evaluations)
-        for put_back in (_ends, _deviating):
+        for put_back in (_ends, _nominal):
             point = put_back(fit)
             if not np.array_equal(point, fit.point):
                 again = self._descended(hypothesis, problem, point, evaluations)
@@ -234,18 +247,37 @@ class PartFit:
         price = own * np.log(max(self.problem.effective_samples, 2.0))
         return 0.5 * (self.base.cost - fit.cost - price)
 
-    def held_out(self, fit: Fit, recordings: Sequence[Aligned]) -> list[np.ndarray]:
-        """Residuals (n, k) rad of a fit on held-out recordings, with its nuisances as fitted, at a fine step."""
-        variables = tuple(v for v in fit.problem.variables if not isinstance(v, OnsetVariable))
-        values = zip(fit.problem.variables, fit.problem.values(fit.point), strict=True)
-        shifts = [value for variable, value in values if isinstance(variable, OnsetVariable)]
+    def held_out(self, fit: Fit, recordings: Sequence[Aligned], *, adjusted: bool = False) -> list[np.ndarray]:
+        """Residuals (n, k) rad of a fit on held-out recordings, with its nuisances as fitted, at a fine step.
+
+        With `adjusted` its values move as far as the fitted motion leaves them uncertain: what that has not determined,
+        other motion may still say without the law being wrong. One Gauss-Newton step with the fit's posterior as prior.
+        """
+        every = fit.problem.variables
+        kept = [index for index, v in enumerate(every) if not isinstance(v, OnsetVariable)]
+        shifts = [v.value(fit.point[i]) for i, v in enumerate(every) if isinstance(v, OnsetVariable)]
         shift = float(np.mean(shifts)) if shifts else 0.0
         moved = [r.with_onset(r.onset_s + shift) for r in recordings]
+        variables, point = tuple(every[i] for i in kept), fit.point[kept]
+        if adjusted:
+            problem = Posterior(fit.problem.twin, moved, variables, self.joints, self.floor)
+            point = _adjusted(problem, point, conditional_information(fit.slopes, kept) / max(1.0, fit.chi_square))
         fine = fit.problem.twin.at_step(FINER_STEP * float(fit.problem.twin.model.opt.timestep))
         problem = Posterior(fine, moved, variables, self.joints, self.floor)
-        known = {v.name: u for v, u in zip(fit.problem.variables, fit.point, strict=True)}
-        point = np.array([known[v.name] for v in variables])
         return [rows[0] for rows in problem.joint_residuals(point[None])]
+
+
+def _adjusted(problem: Posterior, point: np.ndarray, information: np.ndarray) -> np.ndarray:
+    """(p,) a point after one step on a problem, held back by what is known of it already: its information (p, p)."""
+    problem = problem.corrected(problem.step_errors(point))
+    data = -len(problem.prior_slopes()) or None  # the priors are in what is known already
+    rows = problem.residuals(point[None])[0]
+    slopes = differenced(problem, point, rows, range(len(point)))[:data]
+    rows = rows[:data]
+    step = np.linalg.lstsq(slopes.T @ slopes + information, -slopes.T @ rows, rcond=None)[0]
+    moved = np.clip(point + step, 0.0, 1.0)
+    moved_rows = problem.residuals(moved[None])[0][:data]
+    return moved if moved_rows @ moved_rows < rows @ rows else point
 
 
 def _ends(fit: Fit) -> np.ndarray:
@@ -258,11 +290,13 @@ def _ends(fit: Fit) -> np.ndarray:
     return point
 
 
-def _deviating(fit: Fit) -> np.ndarray:
-    """(p,) the fit's point with the nuisances that are far from their priors back where they start."""
-    deviations = fit.deviations
-    far = [
-        variable.prior is not None and abs(deviations[variable.name]) > SUSPECT_SIGMA
-        for variable in fit.problem.variables
-    ]
-    return np.where(far, fit.problem.start, fit.point)
+def _nominal(fit: Fit) -> np.ndarray:
+    """(p,) the fit's point with the nuisances back where they start, if any has gone further than most should.
+
+    They may have stood in for the effect before it was there, and a descent ends where they hold each other.
+    """
+    deviations, variables = fit.deviations, fit.problem.variables
+    own = [variable.prior is None for variable in variables]
+    if all(o or abs(deviations[v.name]) < MOVED_SIGMA for o, v in zip(own, variables, strict=True)):
+        return fit.point
+    return np.where(own, fit.point, fit.problem.start)

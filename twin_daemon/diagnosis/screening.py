@@ -134,9 +134,13 @@ class Screening:
         for values in hypothesis.freed(self._part.twin, scales):
             found.append(Start(hypothesis, values, None, self.cost - pull))
         for joint in hypothesis.holds_offset():
-            # elsewhere a small offset is free: its candidate begins where that has gone
-            values = hypothesis.clipped({hypothesis.effect.parameters[0].name: self._mean_residual(joint)})
-            found.append(Start(hypothesis, hypothesis.effect.complete(values), None, 0.5 * self.cost))
+            # elsewhere a small offset is free: its candidate begins where that has gone, from either point
+            for anchor, gaps in ((None, self._gaps), (own, self._nominal_gaps)):
+                if anchor is None or anchor in self._anchors:
+                    offset = {hypothesis.effect.parameters[0].name: self._mean_residual(joint, gaps)}
+                    values = hypothesis.effect.complete(hypothesis.clipped(offset))
+                    # first among its starts: an offset is read off, it needs no search
+                    found.append(Start(hypothesis, values, anchor, 0.0))
         return sorted(found, key=lambda start: start.expected)
 
     @cached_property
@@ -144,11 +148,16 @@ class Screening:
         """(n, k) rad a recording: measured minus predicted where the nuisances alone fit best."""
         return [gap[0] for gap in self._part.problem.joint_residuals(self._part.base.point[None])]
 
-    def _mean_residual(self, joint: str) -> float:
+    @cached_property
+    def _nominal_gaps(self) -> list[np.ndarray]:
+        """(n, k) rad a recording: the same where all nuisances are nominal."""
+        return [gap[0] for gap in self._part.problem.joint_residuals(self._part.problem.start[None])]
+
+    def _mean_residual(self, joint: str, gaps: Sequence[np.ndarray]) -> float:
         """rad: what a joint reads beyond its prediction, on average over all motion."""
         column = self._part.joints.index(joint)
         known = [np.isfinite(r.measured[:, self._part.twin.joints.index(joint)]) for r in self._part.recordings]
-        return float(np.concatenate([g[k, column] for g, k in zip(self._gaps, known, strict=True)]).mean())
+        return float(np.concatenate([g[k, column] for g, k in zip(gaps, known, strict=True)]).mean())
 
     def _screening_problem(
         self, twin: TwinModel, variables: Sequence[Variable], offset_held: Sequence[str]
@@ -156,7 +165,7 @@ class Screening:
         return Posterior(
             twin,
             self._screened,
-            _over(variables, self._part.recordings, self._screened),
+            over_some(variables, self._part.recordings, self._screened),
             self._part.joints,
             self._part.floor,
             offset_held=offset_held,
@@ -186,23 +195,28 @@ class Screening:
             point, rows = moved, moved_rows
         return FirstFit(start, whole, point, float(rows @ rows))
 
-    def first_fit(self, entered: FirstFit, evaluations: int) -> FirstFit:
+    def first_fit(self, entered: FirstFit, evaluations: int, *, settled: bool = True) -> FirstFit:
         """A first fit, on the motion that is screened: derivatives by the nuisances are taken over.
+
+        Unless it is to be `settled`, the time step's error is taken as the nominal model's.
 
         The time step's error is the candidate's own, where it begins and for its rank where it ends: the flanks of a
         gap are an order of magnitude stiffer than anything in the model without it.
         """
         problem = self._screened_of(entered.problem)
-        problem = problem.corrected(problem.step_errors(entered.point))
+        if settled:
+            problem = problem.corrected(problem.step_errors(entered.point))
         known = self._slopes(problem, self._anchors[entered.start.anchor])
         derivative = Derivative(problem, own_columns(problem), known)
         more = 2 * len(own_columns(problem))
         found = descend(problem, entered.point, derivative, evaluations=evaluations + more)
-        rows = problem.corrected(problem.step_errors(found.point)).residuals(found.point[None])[0]
+        rows = found.rows
+        if settled:
+            rows = problem.corrected(problem.step_errors(found.point)).residuals(found.point[None])[0]
         return FirstFit(entered.start, entered.problem, found.point, float(rows @ rows))
 
     def _screened_of(self, whole: Posterior) -> Posterior:
-        variables = _over(whole.variables, self._part.recordings, self._screened)
+        variables = over_some(whole.variables, self._part.recordings, self._screened)
         return whole.over(self._screened, variables, self._screened_corrections)
 
     def _slopes(self, problem: Posterior, anchor: _Anchor) -> np.ndarray:
@@ -223,7 +237,7 @@ class Screening:
         return slopes
 
 
-def _over(
+def over_some(
     variables: Sequence[Variable], recordings: Sequence[Aligned], some: Sequence[Aligned]
 ) -> tuple[Variable, ...]:
     """The same variables, with the recordings whose onsets they move counted over some of all."""

@@ -10,21 +10,21 @@ from twin_daemon.diagnosis.fit import Fit
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.power import undetectable
 from twin_daemon.diagnosis.selection import Say, next_effect, swap_rivals
+from twin_daemon.diagnosis.shared import Shared, SharedSearch, shared_causes
 from twin_daemon.diagnosis.thresholds import (
     DEVIATING_SIGMA,
-    FLOOR_CHI_SQUARE,
     FULL_FIT_ROLLOUTS,
     MOST_EFFECTS,
     MOST_OF_IT,
     REFINEMENT,
 )
 from twin_daemon.diagnosis.validation import Validation
-from twin_daemon.diagnosis.verdict import Diagnosis
+from twin_daemon.diagnosis.verdict import Diagnosis, Finding
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.estimation.variables import EffectVariable
 from twin_daemon.executor import OutOfTime, TimeLimit, concurrently
 from twin_daemon.simulation.alignment import Aligned, moving_joints
-from twin_daemon.simulation.submodel import parts
+from twin_daemon.simulation.submodel import Part, drive_groups, linked
 from twin_daemon.simulation.twin import TwinModel
 
 
@@ -50,54 +50,101 @@ def diagnose(
         return nothing_moves(joints)
     reduction = Reduction(twin, train, holdout)
     outcomes: list[Outcome] = []
+    findings: list[Finding] = []
     touching: list[str] = []
     interrupted = False
-    accepted_terms = twin.terms
     try:
-        chosen = [(p, [n for n in moving if n in p.joints]) for p in parts(twin)]
-        reduced_parts = [(p.name, reduction.of(twin, p, own)) for p, own in chosen if own]
-        touching = [name for name, reduced in reduced_parts if reduced is None]
-        looked_at = concurrently(_look, [reduced for _, reduced in reduced_parts if reduced is not None])
-        looked_at.sort(key=lambda item: -item[1].base.chi_square)
-        for reduced, fit in looked_at:
-            if accepted_terms is not twin.terms:
-                # an effect of the whole hand has been found in another part: look at this one with it
-                part = next(p for p in parts(twin) if p.name == reduced.name)
-                again = reduction.of(twin.changed(accepted_terms), part, reduced.joints)
-                assert again is not None  # as clear of contacts as before
-                reduced, fit = _look(again)
+        chosen = [(g, [n for n in moving if n in g.joints]) for g in drive_groups(twin)]
+        cut = [(g.name, reduction.of(twin, g, own)) for g, own in chosen if own]
+        touching = [name for name, reduced in cut if reduced is None]
+        looked_at = concurrently(_look, [reduced for _, reduced in cut if reduced is not None])
+        above = []
+        for reduced, part in sorted(looked_at, key=lambda item: float(item[1].times_floor.max())):
             seen = any(o.within_floor and not o.undetectable for o in outcomes)
-            outcome = _search(fit, reduced, seed, say, most_effects, limit, seen=seen)
-            outcomes.append(outcome)
-            for found in outcome.accepted:
-                if found.hypothesis.target == "hand":
-                    accepted_terms = accepted_terms.with_effect(found.hypothesis.term(found.fit.values))
+            outcome = _within_floor(part, reduced, seed, say, seen=seen)
+            if outcome is None:
+                above.append((reduced, part))
+            else:
+                outcomes.append(outcome)
+        shared = _shared(twin, reduction, above, len(looked_at), limit, seed, say) if len(above) > 1 else None
+        if shared is not None:
+            findings.append(shared.finding)
+            for reduced, part in shared.looked_at:
+                outcome = Outcome(reduced.name, part.joints, float(part.times_floor.max()), _deviating(part))
+                outcome.within_floor = True
+                outcomes.append(outcome)
+            above = []
+        for unit in _units(twin, above):
+            if len(unit) == 1:
+                reduced, part = unit[0]
+            else:
+                joints = [n for n in moving if any(n in r.joints for r, _ in unit)]
+                name = next(iter(dict.fromkeys(r.name for r, _ in unit)))
+                whole = reduction.of(twin, Part(name, tuple(joints), ()), joints)
+                if whole is None:
+                    touching.append(name)
+                    continue
+                reduced, part = _look(whole)
+            outcomes.append(_search(part, reduced, seed, say, most_effects, limit))
     except (KeyboardInterrupt, OutOfTime):
         interrupted = True
-    return conclude(twin, train, outcomes, touching, interrupted)
+    return conclude(twin, train, outcomes, touching, interrupted, findings)
+
+
+def _shared(
+    twin: TwinModel,
+    reduction: Reduction,
+    above: Sequence[tuple[Reduced, PartFit]],
+    groups: int,
+    limit: TimeLimit,
+    seed: int,
+    say: Say,
+) -> Shared | None:
+    """One cause behind all groups above the floor: cheaper than one each, so it is tried first."""
+    causes = shared_causes(twin, above, groups)
+    found = SharedSearch(twin, reduction, above).best(causes, limit, seed)
+    if found is not None:
+        say(f"{found.finding.name} explains all {len(above)} groups above the floor")
+    return found
+
+
+def _units(twin: TwinModel, above: Sequence[tuple[Reduced, PartFit]]) -> list[list[tuple[Reduced, PartFit]]]:
+    """The groups that are searched together: what happens at one joint is felt by those that carry it."""
+    units = [[above[i] for i in members] for members in linked(twin, [r.joints for r, _ in above])]
+    return sorted(units, key=lambda unit: -max(float(part.times_floor.max()) for _, part in unit))
 
 
 def _look(reduced: Reduced) -> tuple[Reduced, PartFit]:
     return reduced, PartFit(reduced.twin, reduced.train, reduced.joints)
 
 
-def _search(
-    part: PartFit, reduced: Reduced, seed: int, say: Say, most_effects: int, limit: TimeLimit, *, seen: bool = False
-) -> Outcome:
-    """`seen` says that another part has moved richly enough for the hand to be called sound."""
+def _within_floor(part: PartFit, reduced: Reduced, seed: int, say: Say, *, seen: bool) -> Outcome | None:
+    """What a group says at which nothing is missing; None where something is.
+
+    `seen` says that another one has moved richly enough for the robot to be called sound.
+    """
     deviating = _deviating(part)
-    outcome = Outcome(reduced.name, part.joints, part.base.chi_square, deviating)
+    outcome = Outcome(reduced.name, part.joints, float(part.times_floor.max()), deviating)
+    said = f"{', '.join(part.joints)}: {part.times_floor.max():.1f} times the floor, nominal values being uncertain"
+    if not part.within_floor or deviating:
+        say(said)
+        return None
     validation = Validation(part, reduced.holdout, seed=seed)
     outcome.left = validation.judge(part.base).adequacy
-    say(
-        f"{reduced.name}: {part.base.chi_square:.1f} times the floor with the nominal parameters' uncertainty taken out"
-    )
-    if part.base.chi_square <= FLOOR_CHI_SQUARE and not deviating:
-        outcome.undetectable = undetectable(part) if outcome.left > 1.0 or not seen else []
-        # what only held-out motion shows is looked for where the other motion can show it
-        if outcome.left <= 1.0 or outcome.undetectable or _by_parameters(reduced, validation, seed):
-            outcome.within_floor = True
-            return outcome
+    outcome.undetectable = undetectable(part) if outcome.left > 1.0 or not seen else []
+    say(said)
+    # what only held-out motion shows is looked for where the other motion can show it
+    if outcome.left <= 1.0 or outcome.undetectable or _by_parameters(reduced, validation, seed):
+        outcome.within_floor = True
+        return outcome
+    return None
+
+
+def _search(part: PartFit, reduced: Reduced, seed: int, say: Say, most_effects: int, limit: TimeLimit) -> Outcome:
+    deviating = _deviating(part)
+    outcome = Outcome(reduced.name, part.joints, float(part.times_floor.max()), deviating)
+    validation = Validation(part, reduced.holdout, seed=seed)
+    outcome.left = validation.judge(part.base).adequacy
     first = part
     for _ in range(most_effects):
         step = next_effect(part, validation, say, outcome, limit)
@@ -136,7 +183,7 @@ def _by_parameters(reduced: Reduced, validation: Validation, seed: int) -> bool:
     for recordings in (reduced.train, [*reduced.train, *reduced.holdout]):
         part = PartFit(reduced.twin, recordings, reduced.joints, thoroughly=True)
         left = Validation(part, reduced.holdout, seed=seed, first=validation).judge(part.base).adequacy
-        if part.base.chi_square <= FLOOR_CHI_SQUARE and left <= 1.0 and not _deviating(part):
+        if part.within_floor and left <= 1.0 and not _deviating(part):
             return True
     return False
 

@@ -17,13 +17,11 @@ from twin_daemon.diagnosis.thresholds import (
     COMPARABLE,
     DECISIVE_NATS,
     FINALISTS,
-    FIRST_FIT_ROLLOUTS,
-    FLOOR_CHI_SQUARE,
     FULL_FIT_ROLLOUTS,
-    LOOKED_AT,
+    LEAST_RACING,
     OTHERS_STARTS,
     OWNERS_STARTS,
-    REFITTED,
+    RACE_ROLLOUTS,
     SUSPECT_SIGMA,
 )
 from twin_daemon.diagnosis.validation import Validation
@@ -41,7 +39,7 @@ def next_effect(part: PartFit, validation: Validation, say: Say, outcome: Outcom
     chosen = _shortlist(screening, part, outcome)
     limit.check()
     tried: dict[str, FirstFit] = {}
-    for first in concurrently(limit.checked(lambda entered: screening.first_fit(entered, FIRST_FIT_ROLLOUTS)), chosen):
+    for first in _raced(screening, chosen, limit):
         before = tried.get(first.hypothesis.name)
         tried[first.hypothesis.name] = first if before is None or first.cost < before.cost else before
     first_fits = sorted(tried.values(), key=lambda first: first.cost)
@@ -49,7 +47,7 @@ def next_effect(part: PartFit, validation: Validation, say: Say, outcome: Outcom
         return None
     within = [first for first in first_fits if first.cost < COMPARABLE * first_fits[0].cost + screening.floor_cost]
     # where nuisances reach the floor, costs differ by less than a first fit is good for
-    finalists = within[: 2 * FINALISTS if part.base.chi_square <= FLOOR_CHI_SQUARE else FINALISTS]
+    finalists = within[: 2 * FINALISTS if part.within_floor else FINALISTS]
     finalists += [r for r in within if r not in finalists and finalists[0].hypothesis.contains(r.hypothesis)]
     for first in [r for r in first_fits if r not in finalists]:
         gain = 0.5 * (screening.cost - first.cost)
@@ -121,20 +119,40 @@ def decisive(best: Fit) -> float:
 
 
 def _worth_a_look(screening: Screening, screened: Sequence[Sequence[Start]], owners: set[str]) -> list[Start]:
-    """The starts that are rolled out as they are: from each point of the nuisances, those of its best candidates.
+    """The starts that are rolled out as they are: from each point of the nuisances, the best of every candidate.
 
     Where the nuisances fit best without it, the right effect may have little to add. So the points are not compared.
     """
     looked_at: list[Start] = []
     for anchor in dict.fromkeys(start.anchor for starts in screened for start in starts):
-        worth = screening.left_at(anchor) - 2.0 * DECISIVE_NATS
-        here = [[start for start in starts if start.anchor == anchor] for starts in screened]
-        here = sorted((starts for starts in here if starts), key=lambda starts: starts[0].expected)
-        for rank, starts in enumerate(here):
-            own = starts[0].hypothesis.name in owners
-            if own or (rank < LOOKED_AT and starts[0].expected < worth):
-                looked_at += starts[: OWNERS_STARTS if own else OTHERS_STARTS]
+        for starts in screened:
+            here = [start for start in starts if start.anchor == anchor]
+            looked_at += here[: OWNERS_STARTS if starts[0].hypothesis.name in owners else OTHERS_STARTS]
     return looked_at
+
+
+def _raced(screening: Screening, entered: Sequence[FirstFit], limit: TimeLimit) -> list[FirstFit]:
+    """Candidates that are fitted a little each, the better half goes on, until few are left: successive halving.
+
+    Nothing is dropped for where it starts (Jamieson and Talwalkar 2016): a law that is far from its values looks
+    bad until it has moved.
+    """
+    racing = sorted(entered, key=lambda first: first.cost)
+    out: list[FirstFit] = []
+    for evaluations in RACE_ROLLOUTS:
+        limit.check()
+        last = evaluations == RACE_ROLLOUTS[-1] or len(racing) <= LEAST_RACING
+        count = RACE_ROLLOUTS[-1] if last else evaluations
+        moved = concurrently(
+            limit.checked(lambda first, n=count, f=last: screening.first_fit(first, n, settled=f)), racing
+        )
+        moved.sort(key=lambda first: first.cost)
+        if last:
+            return [*moved, *out]
+        kept = max(LEAST_RACING, len(moved) // 2)
+        racing, lost = moved[:kept], moved[kept:]
+        out += lost
+    return [*racing, *out]
 
 
 def _shortlist(screening: Screening, part: PartFit, outcome: Outcome) -> list[FirstFit]:
@@ -144,34 +162,27 @@ def _shortlist(screening: Screening, part: PartFit, outcome: Outcome) -> list[Fi
     effects at their joints are asked; elsewhere what they stand in for joins the best of the screening.
     """
     deviating = {name for name, sigma in part.base.deviations.items() if abs(sigma) > SUSPECT_SIGMA}
-    everything = hypotheses(part.twin, sorted(part.suspects, key=part.joints.index), whole_hand=True)
+    everything = hypotheses(part.twin, sorted(part.suspects, key=part.joints.index), whole_hand=False)
     owners = [h for h in everything if h.speaks_for(part.twin)]
-    within_floor = part.base.chi_square <= FLOOR_CHI_SQUARE
+    within_floor = part.within_floor
     near = {
         part.group_of(variable.joints[0])
         for variable in part.variables
         if variable.name in deviating and variable.joints
     }
+    near |= {part.group_of(joint) for joint in part.joints if f"{joint}.offset" in deviating}
     asked = [h for h in everything if part.group_of(h.target) in near] if within_floor and near else everything
     screened = [starts for starts in concurrently(screening.screen, asked) if starts]
     looked_at = _worth_a_look(screening, screened, {h.name for h in owners})
     entered = sorted((r for r in concurrently(screening.enter, looked_at) if r is not None), key=lambda r: r.cost)
-    # costs are compared from one point of the nuisances: what one has not moved yet is not a candidate's fault
-    by_anchor: dict[object, dict[str, FirstFit]] = {}
-    for first in entered:
-        by_anchor.setdefault(first.start.anchor, {}).setdefault(first.hypothesis.name, first)
-    chosen: list[FirstFit] = []
-    for best in by_anchor.values():
-        first = list(best.values())[:REFITTED]
-        # of two laws of which one is the other at a bound, the simpler is always asked, too
-        contained = {f"{key}:{r.hypothesis.target}" for r in first for key in r.hypothesis.effect.contains}
-        chosen += first + [r for name, r in best.items() if name in contained and r not in first]
+    # the best start of each candidate from each point of the nuisances: what one has not moved yet is not its fault
+    chosen = list({(first.hypothesis.name, first.start.anchor): first for first in reversed(entered)}.values())
     names = {first.hypothesis.name for first in chosen}
     for starts in screened:
         hypothesis = starts[0].hypothesis
         if hypothesis.name not in names:
             gain = 0.5 * (screening.cost - starts[0].expected)
-            reason = "takes too little of the error away to be worth a fit"
+            reason = "cannot stand beside what the model has"
             outcome.tried.append(_lost(hypothesis, gain, reason))
     return chosen
 

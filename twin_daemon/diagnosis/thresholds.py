@@ -14,13 +14,17 @@ TAKEN_AWAY = Threshold(1.9, "1", "times its starts: a model's own friction can b
 LEAST_ALONG = Threshold(0.05, "1", "of a start: the nearest to neutral that a fit begins")
 FURTHEST_ALONG = Threshold(4.0, "1", "times a start's own values, along its secant")
 SCREENED_S = Threshold(8.0, "s", "of motion, where the model fails most: enough to rank candidates")
-LOOKED_AT = Count(15, "candidates", "that are rolled out from each point of the nuisances")
-REFITTED = Count(5, "candidates", "of them that are fitted on the screened motion")
 OWNERS_STARTS = Count(4, "starts", "rolled out of a candidate that stands for a nuisance")
 OTHERS_STARTS = Count(2, "starts", "rolled out of any other candidate")
 FINALISTS = Count(3, "candidates", "that are fitted on all motion; twice as many where nuisances reach the floor")
 COMPARABLE = Threshold(4.0, "1", "times the best cost: what is further off after its first fit is not fitted again")
-FIRST_FIT_ROLLOUTS = Count(14, "roll-outs", "of every candidate's first fit beside those of its derivatives")
+RACE_ROLLOUTS = (
+    Count(1, "roll-outs", "of every candidate in the first round of the race, beside those of its derivatives"),
+    Count(3, "roll-outs", "of the better half in the second"),
+    Count(6, "roll-outs", "of the better half of these in the third"),
+    Count(12, "roll-outs", "of those that are left"),
+)
+LEAST_RACING = Count(5, "candidates", "that a race leaves, fitted until they have settled")
 FULL_FIT_ROLLOUTS = Count(12, "roll-outs", "of a finalist's fit on all motion beside those of its derivatives")
 NUISANCE_ROLLOUTS = Count(12, "roll-outs", "of a round of the nuisances beside those of its derivatives")
 SETTLED = Threshold(0.95, "1", "of the cost before: a round that gains less is the last")
@@ -33,12 +37,21 @@ FINER_STEP = Threshold(0.25, "1", "of the time step where held-out motion is jud
 FOUND_SHARE = Threshold(0.5, "1", "of an effect's strength: its sigma while something else is still missing")
 FOUND_LEAST_SHARE = Threshold(0.01, "1", "of its range: the least such sigma")
 
+SHARED_FINALISTS = Count(3, "causes", "behind several groups that are fitted, of all that were begun")
+SHARED_ROUNDS = Count(3, "rounds", "of Gauss-Newton for a value that several groups share")
+SHARED_STEP = Threshold(0.1, "1", "of such a value: its step for a slope")
+
 # -- verdicts ------------------------------------------------------------------------------------------------
 
-FLOOR_CHI_SQUARE = Threshold(1.6, "floors", "mean square of the residual up to which there is nothing to explain")
+FLOOR_CHI_SQUARE = Threshold(
+    3.0, "floors", "mean square of a joint that a right model leaves, as on held-out motion: no more is asked"
+)
 SURE_FLOOR_SHARE = Threshold(0.8, "1", "of that: nuisances that reach it are not fitted further")
 SURE_FLOOR_SIGMA = Threshold(3.0, "sigma", "from its prior: nor may any of them be further")
 LEAST_SHARE_OF_ERROR = Threshold(0.04, "1", "of a part's error: joints with less are not suspected beside worse ones")
+MOVED_SIGMA = Threshold(
+    1.0, "sigma", "of a nuisance beside a candidate: the fit is begun once more with all of them nominal"
+)
 SUSPECT_SIGMA = Threshold(3.0, "sigma", "of a nuisance from its prior: it may stand in for something")
 DEVIATING_SIGMA = Threshold(4.0, "sigma", "of a nuisance from its prior: something moves it")
 FORBIDDEN_SIGMA = Threshold(6.0, "sigma", "of a nuisance: no hand that is called the same; something is missing")
@@ -57,7 +70,7 @@ ADEQUATE_FLOORS = Threshold(3.0, "floors", "held-out mean square up to which a m
 RELATIVE_ERROR = Threshold(0.06, "1", "of a joint's error that a right effect may leave: wrong ones leave a fifth")
 AS_BEFORE = Threshold(1.5, "1", "times what a joint left that fitted well: it may not get worse by more")
 BLOCK_S = Threshold(0.75, "s", "of motion in one block of a bootstrap: longer than residuals are correlated")
-FORGIVEN_OFFSET_RAD = Threshold(2e-3, "rad", "of a constant offset on held-out motion, not held against a model")
+FORGIVEN_OFFSET_SIGMA = Threshold(2.0, "sigma", "of a constant offset on held-out motion, not held against a model")
 
 # -- how sure an effect's value is ---------------------------------------------------------------------------
 

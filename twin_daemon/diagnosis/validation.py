@@ -9,7 +9,8 @@ import numpy as np
 
 from twin_daemon.diagnosis.fit import Fit
 from twin_daemon.diagnosis.part_fit import PartFit
-from twin_daemon.diagnosis.thresholds import ADEQUATE_FLOORS, AS_BEFORE, BLOCK_S, FORGIVEN_OFFSET_RAD, RELATIVE_ERROR
+from twin_daemon.diagnosis.thresholds import ADEQUATE_FLOORS, AS_BEFORE, BLOCK_S, FORGIVEN_OFFSET_SIGMA, RELATIVE_ERROR
+from twin_daemon.estimation.thresholds import OFFSET_FLOORS
 from twin_daemon.estimation.uncertainty import block_gain
 from twin_daemon.simulation.alignment import Aligned
 
@@ -57,11 +58,11 @@ class Validation:
         self._part = part
         self._holdout = holdout
         self._seed = seed
-        self._before: dict[tuple[str, ...], list[np.ndarray]] = {}
+        self._before: dict[tuple[tuple[str, ...], bool], list[np.ndarray]] = {}
         self._known = [np.isfinite(r.measured[:, [r.joints.index(j) for j in part.joints]]) for r in holdout]
         base = part.held_out(part.base, holdout)
         self.allowed = self._allowed(base) if first is None else first.allowed
-        self._before[()] = base
+        self._before[(), False] = base
         self._block = max(1, int(BLOCK_S / float(np.median(np.diff(holdout[0].time_s)))))
 
     def judge(self, fit: Fit) -> HeldOut:
@@ -71,12 +72,15 @@ class Validation:
         does not count against it.
         """
         part = self._part
-        owned = fit.hypothesis.speaks_for(part.twin) if fit.hypothesis else set()
-        key = tuple(sorted(owned))
-        if key not in self._before:
-            self._before[key] = part.held_out(_without_stand_in(part, owned), self._holdout)
-        before = self._before[key]
+        owned = tuple(sorted(fit.hypothesis.speaks_for(part.twin))) if fit.hypothesis else ()
+        before = self._without(owned, adjusted=False)
         after = before if fit is part.base else part.held_out(fit, self._holdout)
+        left = _left(after, self._known, part.floor)
+        if (left > self.allowed).any():
+            # what the fitted motion leaves loose is not held against either
+            before = self._without(owned, adjusted=True)
+            after = before if fit is part.base else part.held_out(fit, self._holdout, adjusted=True)
+            left = _left(after, self._known, part.floor)
         squares_before, squares_after = self._squares(before), self._squares(after)
         total_before, total_after = float(squares_before.mean()), float(squares_after.mean())
         return HeldOut(
@@ -84,9 +88,20 @@ class Validation:
             mse_after=total_after,
             gain=1.0 - total_after / max(total_before, 1e-30),
             gain_ci95=block_gain(squares_before, squares_after, self._block, self._seed),
-            by_joint=_left(after, self._known, part.floor),
+            by_joint=left,
             allowed=self.allowed,
         )
+
+    def squares(self, fit: Fit) -> np.ndarray:
+        """(n,) rad^2: mean over the joints of each held-out sample's squared error."""
+        return self._squares(self._part.held_out(fit, self._holdout))
+
+    def _without(self, owned: tuple[str, ...], *, adjusted: bool) -> list[np.ndarray]:
+        """The model without an effect on the held-out motion, computed once for all effects that own the same."""
+        if (owned, adjusted) not in self._before:
+            fit = _without_stand_in(self._part, set(owned)) if owned else self._part.base
+            self._before[owned, adjusted] = self._part.held_out(fit, self._holdout, adjusted=adjusted)
+        return self._before[owned, adjusted]
 
     def _allowed(self, base: Sequence[np.ndarray]) -> np.ndarray:
         """(k,) floors: for joints that fit well what they leave anyway, for the others a part of that."""
@@ -108,13 +123,10 @@ def _without_stand_in(part: PartFit, owned: set[str]) -> Fit:
 
 
 def _left(residuals: Sequence[np.ndarray], known: Sequence[np.ndarray], floor: np.ndarray) -> np.ndarray:
-    """(k,) mean squared error over the floor; a constant offset within a few mrad is not held against a model."""
-    total, count = np.zeros(len(floor)), np.zeros(len(floor))
-    for residual, mask in zip(residuals, known, strict=True):
-        for joint in range(residual.shape[1]):
-            series = residual[mask[:, joint], joint]
-            if series.size:
-                offset = np.clip(series.mean(), -FORGIVEN_OFFSET_RAD, FORGIVEN_OFFSET_RAD)
-                total[joint] += float(((series - offset) ** 2).sum() / floor[joint])
-                count[joint] += series.size
-    return total / np.maximum(count, 1)
+    """(k,) mean squared error over the floor; a plausible constant offset is not held against a model."""
+    count = np.maximum(np.sum([mask.sum(axis=0) for mask in known], axis=0), 1)
+    pairs = list(zip(residuals, known, strict=True))
+    offset = np.sum([np.where(mask, r, 0.0).sum(axis=0) for r, mask in pairs], axis=0) / count
+    most = FORGIVEN_OFFSET_SIGMA * OFFSET_FLOORS * np.sqrt(floor)
+    offset = np.clip(offset, -most, most)
+    return np.sum([(np.where(mask, r - offset, 0.0) ** 2).sum(axis=0) for r, mask in pairs], axis=0) / count / floor

@@ -21,6 +21,7 @@ class ActuatorGain(Effect):
     title = "a weaker (or stronger) servo"
     acts_on = "actuator"
     rank = 70
+    shared = "servos"
     stands_for = "kp"
     parameters = (
         Parameter("factor", "1", 0.01, 100.0, 1.0, 0.6, "servo torque over the model's", log=True),

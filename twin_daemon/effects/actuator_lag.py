@@ -20,6 +20,7 @@ class ActuatorLag(Effect):
     title = "the servo reacts slowly"
     acts_on = "actuator"
     rank = 100
+    shared = "servos"
     excludes = ("rate_limit",)
     parameters = (Parameter("tau", "s", 0.0, 2.0, 0.0, 0.03, "time constant of the filter on the command"),)
     story = Story(

@@ -64,3 +64,11 @@ class Backlash(Effect):
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
         return tuple({"gap": gap, "motor_share": 0.2} for gap in (0.02, 0.06, 0.2))
+
+    def suggested(self, scale: Scale, angle: np.ndarray, gap: np.ndarray) -> tuple[dict[str, float], ...]:
+        """Gaps of the size of the error: at rest a joint lies up to half of its play to either side."""
+        low, high = np.percentile(gap, [10.0, 90.0])
+        size = float(high - low)
+        if size <= 0.0:
+            return ()
+        return tuple({"gap": share * size, "motor_share": part} for share in (0.7, 2.0) for part in (0.05, 0.3))

@@ -157,6 +157,8 @@ class Effect(ABC):
     story: ClassVar[Story]
     confusable: ClassVar[tuple[str, ...]] = ()
     contains: ClassVar[tuple[str, ...]] = ()
+    shared: ClassVar[Literal["servos", "load"] | None] = None
+    """What makes several joints feel it at once: all servos have it alike, or it weighs on all that carry it."""
     amplitudes: ClassVar[tuple[str, ...]] = ()
     """The parameters that say whether the effect is there at all; the first one where none is named."""
     rank: ClassVar[int] = 1000

@@ -22,6 +22,7 @@ class CommandDelay(Effect):
     title = "the command arrives late"
     acts_on = "actuator"
     rank = 90
+    shared = "servos"
     parameters = (Parameter("delay", "s", 0.0, _LONGEST_S, 0.0, 0.02, "age of the command that the servo uses"),)
     story = Story(
         what="The servo uses a command that is some time old.",

@@ -17,6 +17,7 @@ class GravityTilt(Effect):
     title = "the hand stands tilted"
     acts_on = "hand"
     rank = 120
+    shared = "load"
     parameters = (
         Parameter("about_x", "rad", -np.pi, np.pi, 0.0, 0.4, "gravity turned about the world's x"),
         Parameter("about_y", "rad", -np.pi, np.pi, 0.0, 0.4, "gravity turned about the world's y"),

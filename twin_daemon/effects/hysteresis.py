@@ -61,4 +61,4 @@ class Hysteresis(Effect):
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
         weak, strong = 0.005 * scale.kp, 0.03 * scale.kp
-        return tuple({"torque": t, "stiffness": min(k * scale.kp, 100.0)} for t in (weak, strong) for k in (0.05, 0.4))
+        return tuple({"torque": t, "stiffness": k * scale.kp} for t in (weak, strong) for k in (0.05, 0.4))

@@ -20,8 +20,10 @@ class Payload(Effect):
     title = "a load on the link"
     acts_on = "joint"
     rank = 60
+    shared = "load"
     parameters = (
-        Parameter("mass", "kg", 0.0, 5.0, 0.0, 0.05, "mass at the far end of the joint's link", reach=Reach("kp", 0.5)),
+        Parameter("mass", "kg", 0.0, 5.0, 0.0, 0.05, "mass on the joint's link", reach=Reach("kp", 0.5)),
+        Parameter("at", "1", 0.0, 1.5, 1.0, 1.0, "where on the link: 0 at the joint, 1 at its far end", held=True),
     )
     story = Story(
         what="Mass that the model does not have: it weighs and it resists acceleration.",
@@ -36,7 +38,7 @@ class Payload(Effect):
         link = spec.joint(place.joint).parent
         mass = values["mass"] + _TINY
         carrier, end = far_end(link)
-        load = carrier.add_body(name=f"{place.joint}_payload", pos=end)
+        load = carrier.add_body(name=f"{place.joint}_payload", pos=values["at"] * end)
         load.explicitinertial = True
         load.mass = mass
         load.ipos = np.zeros(3)  # not the default, which MuJoCo takes for "unknown" and would not save
@@ -44,7 +46,7 @@ class Payload(Effect):
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
         # bends the joint by 10 and by 50 mrad at an arm of 5 cm, within what such hands carry
-        return tuple({"mass": min(sag * scale.kp / (9.81 * 0.05), 0.5)} for sag in (0.01, 0.05))
+        return tuple({"at": 1.0, "mass": min(sag * scale.kp / (9.81 * 0.05), 50.0)} for sag in (0.01, 0.05))
 
 
 def far_end(link: Any) -> tuple[Any, np.ndarray]:

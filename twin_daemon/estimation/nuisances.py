@@ -34,11 +34,11 @@ def nuisance_variables(twin: TwinModel, recordings: Sequence[Aligned], joints: S
         name: joint
         for kind in _KINDS
         for joint in joints
-        if twin.parameter(name := f"{joint}.{kind}").read(twin.model) > 0.0
+        if twin.parameter(name := f"{joint}.{kind}").read(twin.base_model) > 0.0
     }
     found: list[Variable] = [_factor(name, (name,), joint) for name, joint in known.items()]
     for servo, driven in driven_by.items():
-        if set(driven) & set(joints) and twin.parameter(servo).read(twin.model) > 0.0:
+        if set(driven) & set(joints) and twin.parameter(servo).read(twin.base_model) > 0.0:
             along = [name for name, joint in known.items() if joint in driven]
             found.append(_factor(servo, (servo, *along), *driven))
     for number, (_, members) in enumerate(_by_recording(recordings).items()):

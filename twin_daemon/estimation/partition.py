@@ -16,6 +16,7 @@ from twin_daemon.estimation.thresholds import (
 from twin_daemon.estimation.windows import length_s, segments, spread
 from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.contacts import touching_times
+from twin_daemon.simulation.prescribed import Motion, Needed, measured_motion, reaction
 from twin_daemon.simulation.submodel import Part, parts, submodel, with_coupled
 from twin_daemon.simulation.twin import TwinModel
 
@@ -36,8 +37,14 @@ class Reduction:
 
     def __init__(self, twin: TwinModel, train: Sequence[Aligned], holdout: Sequence[Aligned]) -> None:
         self._train, self._holdout = train, holdout
-        found = parts(twin)
-        self._touching = [_touching(twin, found, r) for r in (*train, *holdout)]
+        self._branches = parts(twin)
+        self._touching = [_touching(twin, self._branches, r) for r in (*train, *holdout)]
+        self._motions: list[Motion] | None = None
+        self._whole: list[Needed] = []
+        seen = np.concatenate([_poses(twin, r) for r in train])
+        known = np.isfinite(seen).any(axis=0)
+        # what is left out is welded where it mostly is
+        self._usual = np.where(known, np.nanmedian(np.where(known, seen, 0.0), axis=0), train[0].start_position)
         self.moving = moving_joints(train)
 
     def of(
@@ -45,21 +52,40 @@ class Reduction:
     ) -> Reduced | None:
         """The part with its moving trunk, over the motion in which it touches nothing; None where that is too short.
 
+        What the joints outside do to it while they move comes as torques along the measured motion.
+
         What a contact does hangs on surfaces and shapes that no model of a hand has right, so that it says little
         about the part.
         """
         keep = {*joints, *(set(self.moving) & set(part.trunk))}
-        small = submodel(twin, with_coupled(twin, keep), self._train[0].start_position)
-        pieces = [
-            segments(restricted(r, small), joints, masks.get(part.name))
-            for r, masks in zip((*self._train, *self._holdout), self._touching, strict=True)
-        ]
+        small = submodel(twin, with_coupled(twin, keep), self._usual)
+        recordings = (*self._train, *self._holdout)
+        outside = [name for name in self.moving if name not in small.joints]
+        if outside and self._motions is None:
+            self._motions = [measured_motion(twin, r) for r in recordings]
+        pieces = []
+        for index, (recording, masks) in enumerate(zip(recordings, self._touching, strict=True)):
+            cut = restricted(recording, small)
+            if outside and self._motions is not None:
+                cut = replace(cut, reaction=reaction(self._needed(twin)[index], small))
+            pieces.append(segments(cut, joints, self._touched(masks, joints)))
         count = len(self._train)
         train = spread([p for found in pieces[:count] for p in found], MOST_PART_S)
         holdout = spread([p for found in pieces[count:] for p in found], MOST_PART_S)
         enough_held = not self._holdout or length_s(holdout) > 0.5 * least_s
         clear = length_s(train) > least_s and enough_held
         return Reduced(part.name, tuple(joints), small, tuple(train), tuple(holdout)) if clear else None
+
+    def _needed(self, twin: TwinModel) -> list[Needed]:
+        """What the whole twin needs to move as in each recording; kept for the twin that was asked for last."""
+        if not self._whole or self._whole[0].twin is not twin:
+            self._whole = [Needed(twin, motion) for motion in self._motions or ()]
+        return self._whole
+
+    def _touched(self, masks: Mapping[str, np.ndarray], joints: Sequence[str]) -> np.ndarray | None:
+        """(n,) bool: when any branch that has some of the joints touches something."""
+        found = [masks[b.name] for b in self._branches if b.name in masks and set(joints) & set(b.joints)]
+        return np.any(found, axis=0) if found else None
 
 
 def restricted(aligned: Aligned, small: TwinModel) -> Aligned:

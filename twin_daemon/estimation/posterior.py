@@ -9,24 +9,50 @@ import numpy as np
 from twin_daemon.comparison.noise import noise_variance
 from twin_daemon.estimation.problem import Problem
 from twin_daemon.estimation.thresholds import (
-    CORRELATION_S,
     FINER_STEPS,
-    MODEL_FLOOR_RAD,
-    OFFSET_SIGMA_RAD,
+    LEAST_CORRELATION_S,
+    LEAST_NOISE_RAD,
+    OFFSET_FLOORS,
+    SPEED_SAMPLES,
     STEP_ERROR_SHARE,
 )
 from twin_daemon.estimation.variables import ParameterVariable, Variable
 from twin_daemon.simulation.alignment import Aligned
+from twin_daemon.simulation.prescribed import response_time_s
 from twin_daemon.simulation.twin import TwinModel
 
 
 def floor_variance(recordings: Sequence[Aligned], joints: Sequence[str]) -> np.ndarray:
-    """(k,) rad^2: each joint's sensor noise and resolution, and the model's own floor."""
+    """(k,) rad^2: each joint's sensor noise and resolution, and what the jitter of stamps makes of its speed."""
     out = []
     for joint in joints:
-        noise = [noise_variance(r.measured[:, r.joints.index(joint)]) for r in recordings]
-        out.append(float(np.median(noise)) + MODEL_FLOOR_RAD**2)
-    return np.array(out)
+        found = []
+        for r in recordings:
+            column = r.measured[:, r.joints.index(joint)]
+            found.append(noise_variance(column) + _jitter_variance(r.time_s, column))
+        out.append(float(np.median(found)))
+    return np.maximum(out, LEAST_NOISE_RAD**2)
+
+
+def _jitter_variance(time_s: np.ndarray, values: np.ndarray) -> float:
+    """rad^2: the variance of stamps about a regular clock times the mean squared speed."""
+    if len(time_s) < 4 * SPEED_SAMPLES:
+        return 0.0
+    index = np.arange(len(time_s))
+    clock = np.polyval(np.polyfit(index, time_s, 1), index)
+    # half of it: a jitter of the reading itself moves its stamp with it
+    jitter = np.diff(time_s - clock).var() / 2.0
+    speed = (values[2 * SPEED_SAMPLES :] - values[: -2 * SPEED_SAMPLES]) / np.maximum(
+        time_s[2 * SPEED_SAMPLES :] - time_s[: -2 * SPEED_SAMPLES], 1e-9
+    )
+    speed = speed[np.isfinite(speed)]
+    return float(jitter * (speed**2).mean()) if speed.size else 0.0
+
+
+def correlation_s(twin: TwinModel, joints: Sequence[str]) -> float:
+    """Over this time the residual of a right model repeats itself: as long as the joints' servos take to follow."""
+    times = [response_time_s(twin, joint) for joint in joints]
+    return float(max(np.median(times), LEAST_CORRELATION_S)) if times else LEAST_CORRELATION_S
 
 
 class Posterior(Problem):
@@ -57,8 +83,9 @@ class Posterior(Problem):
         self._means = np.array([v.prior.mean for v in believed if v.prior])
         self._sigmas = np.array([v.prior.sigma for v in believed if v.prior])
         self.floor = floor
+        correlation = correlation_s(twin, objective)
         periods = [float(np.median(np.diff(r.time_s))) for r in recordings]
-        self._tau = [max(1.0, CORRELATION_S / period) for period in periods]
+        self._tau = [max(1.0, correlation / period) for period in periods]
         self._offset_held = offset_held
         self._free_offset = np.array([joint not in offset_held for joint in objective])
 
@@ -85,20 +112,45 @@ class Posterior(Problem):
 
     def residuals(self, points: np.ndarray) -> np.ndarray:
         """(B, m) whitened residuals and priors."""
+        residuals = self.joint_residuals(points)
+        offset, share = self._offsets(residuals)
+        # with this part of the mean taken out, the sum of squares is the profiled one
+        taken = (1.0 - np.sqrt(1.0 - share)) * offset
         rows = [
-            self._whiten(residual, known, tau)
-            for residual, known, tau in zip(self.joint_residuals(points), self._known, self._tau, strict=True)
+            (np.where(known[None], residual - taken[:, None, :], 0.0) / np.sqrt(self.floor * tau)).reshape(
+                len(residual), -1
+            )
+            for residual, known, tau in zip(residuals, self._known, self._tau, strict=True)
         ]
         return np.concatenate([*rows, self.prior_residuals(points)], axis=1)
 
-    def _whiten(self, residual: np.ndarray, known: np.ndarray, tau: float) -> np.ndarray:
-        count = np.maximum(known.sum(axis=0), 1)
-        mean = residual.sum(axis=1) / count  # (B, k)
-        weight = count / tau / self.floor
-        share = np.where(self._free_offset, weight / (weight + 1.0 / OFFSET_SIGMA_RAD**2), 0.0)
-        # with this share of the mean taken out, the sum of squares is the profiled one
-        shifted = np.where(known[None], residual - ((1.0 - np.sqrt(1.0 - share)) * mean)[:, None, :], 0.0)
-        return (shifted / np.sqrt(self.floor * tau)).reshape(len(residual), -1)
+    def _offsets(self, residuals: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """((B, k) rad weighted mean of each joint's residual, (k,) how much of it the prior lets go as an offset)."""
+        weights = np.array([known.sum(axis=0) / tau for known, tau in zip(self._known, self._tau, strict=True)])
+        sums = np.sum([r.sum(axis=1) / tau for r, tau in zip(residuals, self._tau, strict=True)], axis=0)
+        total = np.maximum(weights.sum(axis=0), 1e-9)
+        power = total / self.floor
+        share = np.where(self._free_offset, power / (power + 1.0 / (OFFSET_FLOORS**2 * self.floor)), 0.0)
+        return sums / total, share
+
+    def times_floor(self, point: np.ndarray) -> np.ndarray:
+        """(k,) mean squared residual of each joint in floors at a point (p,), beyond a plausible offset."""
+        residuals = self.joint_residuals(point[None])
+        offset, share = self._offsets(residuals)
+        taken = (share * offset)[0]
+        total = np.sum(
+            [(np.where(k, r[0] - taken, 0.0) ** 2).sum(axis=0) for r, k in zip(residuals, self._known, strict=True)],
+            axis=0,
+        )
+        return total / self.samples_per_joint / self.floor
+
+    def offsets(self, point: np.ndarray) -> dict[str, float]:
+        """How many sigma each joint's reading would have to be off at a point (p,), by joint."""
+        offset, share = self._offsets(self.joint_residuals(point[None]))
+        sigmas = share * offset[0] / (OFFSET_FLOORS * np.sqrt(self.floor))
+        return {
+            joint: float(s) for joint, s, free in zip(self.objective, sigmas, self._free_offset, strict=True) if free
+        }
 
     def corrected(self, corrections: Sequence[np.ndarray]) -> Posterior:
         """The same problem with other corrections."""

@@ -136,13 +136,14 @@ class Problem:
                 controls = next(iter(distinct.values()))[None]
             else:
                 controls = np.stack([distinct[onset] for onset in onsets])
-            qpos, qvel = self._starts[index]
+            qpos, qvel = self._begun(index, [c.measurement for c in candidates])
             positions = roll_out(
                 [c.model for c in candidates],
                 controls[:, len(past) :],
-                qpos[None],
-                qvel[None],
+                qpos,
+                qvel,
                 before=controls[:, : len(past)] if len(past) else None,
+                applied=self._applied(recording, grid, [c.measurement for c in candidates]),
                 loaded=True,
                 threads=self.threads,
             )
@@ -158,6 +159,33 @@ class Problem:
             return self.candidate(unit)
         except BadInput:
             return None
+
+    def _begun(self, index: int, measurements: Sequence[Measurement]) -> tuple[np.ndarray, np.ndarray]:
+        """((1 or B, nq), (1 or B, nv)) where roll-outs of a recording begin: where the joints were by its readings."""
+        qpos, qvel = self._starts[index]
+        own = self.twin.measurement
+        if all(measurement == own for measurement in measurements):
+            return qpos[None], qvel[None]
+        seen = self.recordings[index].start_position
+        known = np.isfinite(seen)
+        starts = np.repeat(qpos[None], len(measurements), axis=0)
+        for start, measurement in zip(starts, measurements, strict=True):
+            moved = measurement.invert(self.twin.joints, seen) - own.invert(self.twin.joints, seen)
+            start[self.twin.qpos_adr[known]] += moved[known]
+        return starts, qvel[None]
+
+    def _applied(self, recording: Aligned, grid: np.ndarray, measurements: Sequence[Measurement]) -> np.ndarray | None:
+        """(1 or B, T, nv) what joints outside of the model do to it on a grid of times (T,) s."""
+        if recording.reaction is None:
+            return None
+        distinct: list[Measurement] = []
+        for measurement in measurements:
+            if measurement not in distinct:
+                distinct.append(measurement)
+        forces = [recording.reaction.applied(self.twin, grid, measurement) for measurement in distinct]
+        if len(distinct) == 1:
+            return forces[0][None]
+        return np.stack([forces[distinct.index(measurement)] for measurement in measurements])
 
     def _controls(self, recording: Aligned, grid: np.ndarray, onset_s: float) -> np.ndarray:
         """Controls (T, nu) of a roll-out on a grid of times (T,) s."""

@@ -46,14 +46,19 @@ ZERO_START_FACTOR = Threshold(20.0, "1", "over its lower bound: where a positive
 PARAMETER_SIGMA = Threshold(0.12, "1", "of the logarithm of a nominal parameter: 20 % off is within 1.7 sigma")
 DELAY_SIGMA_S = Threshold(3e-3, "s", "of a recorded command's time: half a period of a stream that is held")
 FREE_ONSET_SIGMA_S = Threshold(0.05, "s", "of the onset where no commands were recorded and it is estimated")
-OFFSET_SIGMA_RAD = Threshold(1.5e-3, "rad", "of the constant offset of a joint's reading, about a sensor's resolution")
+OFFSET_FLOORS = Threshold(
+    1.0, "1", "standard deviations of its noise: sigma of a reading's zero, set as well as it is read"
+)
 DELAY_REACH = Threshold(3.0, "sigma", "bounds of the common delay: one late joint must not spoil the others")
 NUISANCE_REACH = Threshold(12.0, "1", "as a factor, bounds of a nuisance: far enough to show that it has to move")
 
 # -- the error that a right model leaves ---------------------------------------------------------------------
 
-MODEL_FLOOR_RAD = Threshold(6e-4, "rad", "left by a right model of the hand once the time step's error is taken out")
-CORRELATION_S = Threshold(0.08, "s", "over which the residual of a right model repeats itself: counts as one sample")
+LEAST_NOISE_RAD = Threshold(1e-6, "rad", "of any reading: no joint is read better than that")
+SPEED_SAMPLES = Count(5, "samples", "to either side, from which a speed is read that is not its noise")
+LEAST_CORRELATION_S = Threshold(
+    0.02, "s", "over which the residual of a right model repeats itself, at least: its servo's time counts"
+)
 FINER_STEPS = Threshold(4.0, "1", "time steps in one: the finer roll-out that tells the time step's error")
 STEP_ERROR_SHARE = Threshold(0.5, "1", "of the time step's error that is left after it has been taken out")
 MODEL_ERROR_RAD = Threshold(2e-3, "rad", "off even in a good model of a hand: the error to reckon with before a fit")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from twin_daemon.estimation.estimate import Estimate, Identifiability
@@ -145,3 +147,14 @@ def block_gain(before: np.ndarray, after: np.ndarray, block: int, seed: int, dra
     gains = 1.0 - sums_after[chosen].sum(axis=1) / total
     low, high = np.quantile(gains, [0.025, 0.975])
     return float(low), float(high)
+
+
+def conditional_information(slopes: np.ndarray, kept: Sequence[int]) -> np.ndarray:
+    """(k, k) what rows with derivative (m, p) say of some of the variables, the others being unknown (Schur)."""
+    information = slopes.T @ slopes
+    others = [index for index in range(len(information)) if index not in set(kept)]
+    found = information[np.ix_(kept, kept)]
+    if others:
+        cross = information[np.ix_(kept, others)]
+        found = found - cross @ np.linalg.pinv(information[np.ix_(others, others)]) @ cross.T
+    return found

@@ -109,6 +109,7 @@ def _piece(aligned: Aligned, start: int, stop: int, width: int) -> Aligned:
         onset_s=aligned.onset_s - begin,
         start_position=pose,
         start_velocity=speed,
+        reaction=None if aligned.reaction is None else aligned.reaction.shifted(begin),
     )
 
 
@@ -166,6 +167,7 @@ def _stretch(recording: Aligned, begin_s: float) -> Aligned | None:
         onset_s=recording.onset_s - origin,
         start_position=position,
         start_velocity=_slopes(recording, origin),
+        reaction=None if recording.reaction is None else recording.reaction.shifted(origin),
     )
 
 

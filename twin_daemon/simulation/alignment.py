@@ -13,6 +13,7 @@ from twin_daemon.errors import BadInput
 from twin_daemon.recordings.recording import Recording
 from twin_daemon.signals.commands import CommandSignal
 from twin_daemon.signals.trajectory import Trajectory
+from twin_daemon.simulation.reactions import Reaction
 from twin_daemon.simulation.rollout import roll_out
 from twin_daemon.simulation.twin import TwinModel
 
@@ -31,6 +32,7 @@ class Aligned:
     `onset_free` says that the recording does not hold its commands, so that the onset is estimated and a delay
     cannot be told from it. `start_position` (j,) rad and `start_velocity` (j,) rad/s are measured at time 0.
     `unhidden` (n, j) rad is all that was measured, where something is hidden: states that roll-outs may start from.
+    `reaction` is what joints that a sub-model leaves out do to it.
     """
 
     recording: Recording
@@ -43,6 +45,7 @@ class Aligned:
     start_position: np.ndarray
     start_velocity: np.ndarray
     unhidden: np.ndarray | None = None
+    reaction: Reaction | None = None
 
     @property
     def states(self) -> np.ndarray:
@@ -238,7 +241,8 @@ def predict(twin: TwinModel, aligned: Aligned, *, threads: int | None = None) ->
     grid = np.arange(steps) * step_s
     controls = aligned.controls(twin, grid)
     qpos, qvel = aligned.start_state(twin)
-    positions = roll_out([twin.model], controls[None], qpos[None], qvel[None], threads=threads)
+    applied = None if aligned.reaction is None else aligned.reaction.applied(twin, grid, twin.measurement)[None]
+    positions = roll_out([twin.model], controls[None], qpos[None], qvel[None], applied=applied, threads=threads)
     sampled = resample(positions[:, :, twin.qpos_adr], step_s, aligned.time_s)
     return twin.measurement.apply(twin.joints, sampled)[0]
 

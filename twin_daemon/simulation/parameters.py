@@ -165,9 +165,9 @@ def _edit_inertia(body: Any, value: float) -> None:
 KINDS: dict[str, ParameterKind] = {
     kind.key: kind
     for kind in (
-        _dof_kind("damping", "dof_damping", "N m s/rad", 1e-4, 20.0),
-        _dof_kind("frictionloss", "dof_frictionloss", "N m", 1e-5, 5.0),
-        _dof_kind("armature", "dof_armature", "kg m2", 1e-6, 1.0, constants=True),
+        _dof_kind("damping", "dof_damping", "N m s/rad", 1e-6, 1e4),
+        _dof_kind("frictionloss", "dof_frictionloss", "N m", 1e-7, 1e4),
+        _dof_kind("armature", "dof_armature", "kg m2", 1e-9, 1e3, constants=True),
         ParameterKind(
             "stiffness",
             "joint",
@@ -207,8 +207,8 @@ KINDS: dict[str, ParameterKind] = {
             "kp",
             "actuator",
             "N m/rad",
-            1e-2,
-            1e3,
+            1e-4,
+            1e7,
             True,
             lambda m, a: float(m.actuator_gainprm[a, 0]),
             _write_kp,

@@ -20,6 +20,7 @@ _TIME = mujoco.mjtState.mjSTATE_TIME.value
 _QPOS = mujoco.mjtState.mjSTATE_QPOS.value
 _QVEL = mujoco.mjtState.mjSTATE_QVEL.value
 _CTRL = mujoco.mjtState.mjSTATE_CTRL.value
+_APPLIED = mujoco.mjtState.mjSTATE_QFRC_APPLIED.value
 _WHOLE = mujoco.mjtState.mjSTATE_INTEGRATION.value
 
 
@@ -30,6 +31,7 @@ def roll_out(
     qvel: np.ndarray | None = None,
     *,
     before: np.ndarray | None = None,
+    applied: np.ndarray | None = None,
     loaded: bool = False,
     threads: int | None = None,
 ) -> np.ndarray:
@@ -37,8 +39,9 @@ def roll_out(
 
     `models` has B models of the same sizes, or one for all. `controls` is (B or 1, T, nu): row k is applied
     during step k; actuators beyond its columns get 0. `qpos` is (B or 1, nq), `qvel` (B or 1, nv), zero where
-    not given. Delay buffers and filters start as `before` (B or 1, H, nu), the controls of the steps before, has left
-    them; without it as if the hand had been told the first control for ever. Bristles of dry friction start relaxed, or
+    not given. `applied` (B or 1, T, nv) are generalised forces beside those of the actuators. Delay buffers
+    and filters start as `before` (B or 1, H, nu), the controls of the steps before, has left them; without it as if
+    the hand had been told the first control for ever. Bristles of dry friction start relaxed, or
     with `loaded` bent by what they hold. From the step at which MuJoCo warns (a state that is not finite or diverges) a
     simulation's positions are NaN.
     """
@@ -72,8 +75,13 @@ def roll_out(
                 told = None if before is None else before[_row(i, before)]
                 runner.state[slot] = _initial_state(picked[slot], control, position, velocity, told, loaded=loaded)
         runner.warning[:] = 0
-        rows = controls[start : start + len(chosen)] if len(controls) > 1 else controls
-        recorded = runner.rollout(steps, rows, record=(_QPOS, _TIME), ids=ids)
+        rows, inputs = controls[start : start + len(chosen)] if len(controls) > 1 else controls, _CTRL
+        if applied is not None:
+            forces = applied[start : start + len(chosen)] if len(applied) > 1 else applied
+            count_rows = max(len(rows), len(forces))
+            both = [np.broadcast_to(part, (count_rows, *part.shape[1:])) for part in (rows, forces)]
+            rows, inputs = np.concatenate(both, axis=2), _CTRL | _APPLIED
+        recorded = runner.rollout(steps, rows, inputs, record=(_QPOS, _TIME), ids=ids)
         for slot, i in enumerate(chosen):
             out[i, 0] = qpos[_row(i, qpos)]
             out[i, 1:] = recorded[_QPOS][slot]

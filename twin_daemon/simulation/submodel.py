@@ -7,12 +7,13 @@ when it moves, and is welded where it stands when it does not.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import mujoco
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from twin_daemon.hand.description import Hand
 from twin_daemon.simulation.terms import Terms
@@ -61,6 +62,37 @@ def parts(twin: TwinModel) -> tuple[Part, ...]:
         base_first = tuple(sorted(under, key=lambda n: (len(ancestors[n]), n)))
         found.append(Part(_part_name(twin, members), members, base_first))
     return tuple(found)
+
+
+def drive_groups(twin: TwinModel) -> tuple[Part, ...]:
+    """The smallest parts: the joints that one actuator moves together, and each other joint alone.
+
+    With what the rest of the robot does to them as prescribed torques, they move on their own.
+    """
+    taken: set[str] = set()
+    found = []
+    for name in twin.joints:
+        if name not in taken:
+            members = {name}
+            while (more := set(with_coupled(twin, members))) != members:
+                members = more
+            taken |= members
+            joints = tuple(n for n in twin.joints if n in members)
+            found.append(Part(_part_name(twin, joints), joints, ()))
+    return tuple(found)
+
+
+def linked(twin: TwinModel, groups: Sequence[Sequence[str]]) -> list[list[int]]:
+    """Which groups of joints hang together: one of them carries another, or is carried by it."""
+    model = twin.model
+    bodies = [{int(model.dof_bodyid[twin.dof_adr[twin.joints.index(joint)]]) for joint in joints} for joints in groups]
+    above = [{up for body in own for up in upwards(model, body)} for own in bodies]
+    count = len(groups)
+    carries = np.array(
+        [[bool(bodies[a] & above[b] or bodies[b] & above[a]) for b in range(count)] for a in range(count)]
+    )
+    number, label = connected_components(carries.reshape(count, count), directed=False)
+    return [[index for index in range(count) if label[index] == which] for which in range(number)]
 
 
 def _part_name(twin: TwinModel, members: tuple[str, ...]) -> str:

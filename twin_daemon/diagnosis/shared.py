@@ -1,0 +1,283 @@
+"""Causes that several groups of joints feel at once: a late bus, a weak supply, a tilted base, a load on a chain.
+
+Each group is looked at on its own model; the value is one for all. With the nuisances of every group projected out the
+cost is a sum over groups, so that a cause of the whole robot costs some roll-outs of small models.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin_daemon.diagnosis.part_fit import PartFit
+from twin_daemon.diagnosis.screening import over_some
+from twin_daemon.diagnosis.thresholds import (
+    DECISIVE_NATS,
+    FURTHEST_ALONG,
+    LEAST_ALONG,
+    SCREENED_S,
+    SHARED_FINALISTS,
+    SHARED_ROUNDS,
+    SHARED_STEP,
+    VALUE_FLOOR,
+)
+from twin_daemon.diagnosis.validation import Validation
+from twin_daemon.diagnosis.verdict import Finding
+from twin_daemon.effects import LIBRARY
+from twin_daemon.effects.base import Effect
+from twin_daemon.errors import BadInput
+from twin_daemon.estimation.estimate import Estimate
+from twin_daemon.estimation.partition import Reduced, Reduction
+from twin_daemon.estimation.posterior import Posterior
+from twin_daemon.estimation.solvers.trust_region import differenced
+from twin_daemon.estimation.thresholds import Z95
+from twin_daemon.estimation.uncertainty import block_gain
+from twin_daemon.estimation.variables import Variable
+from twin_daemon.estimation.windows import spread
+from twin_daemon.executor import TimeLimit, concurrently
+from twin_daemon.simulation.submodel import Part, linked
+from twin_daemon.simulation.terms import EffectTerm, Terms
+from twin_daemon.simulation.twin import TwinModel
+
+ROBOT = "robot"
+"""Place of a cause that is one for all servos."""
+
+
+@dataclass(frozen=True)
+class SharedCause:
+    """An effect with one set of values for several groups, at all servos, at a link that they carry, or at the base."""
+
+    effect: Effect
+    target: str
+
+    @property
+    def name(self) -> str:
+        return f"{self.effect.key}:{self.target}"
+
+    @property
+    def amplitudes(self) -> tuple[str, ...]:
+        """The parameters that are moved."""
+        if self.effect.shared == "load":
+            return tuple(parameter.name for parameter in self.effect.parameters)
+        return self.effect.amplitudes or (self.effect.parameters[0].name,)
+
+    def terms(self, twin: TwinModel, values: Mapping[str, float]) -> Terms:
+        """The twin's terms with this cause."""
+        terms, complete = twin.terms, _accepted(self.effect, values)
+        for target in twin.actuators if self.target == ROBOT else (self.target,):
+            terms = terms.with_effect(EffectTerm(effect=self.effect.key, target=target, values=complete))
+        return terms
+
+    def starts(self, twin: TwinModel, joints: Sequence[str]) -> tuple[dict[str, float], ...]:
+        place = self.target if self.target in twin.joints else joints[0]
+        return tuple(_accepted(self.effect, s) for s in self.effect.starts(twin.scale(place)))
+
+
+@dataclass(frozen=True)
+class Shared:
+    """A cause that was accepted: its finding, its terms, and the groups with it in their models."""
+
+    finding: Finding
+    terms: Terms
+    looked_at: list[tuple[Reduced, PartFit]]
+
+
+class _Group:
+    """One group with what its nuisances can do, to first order about their nominal values."""
+
+    def __init__(self, reduced: Reduced, part: PartFit) -> None:
+        self.reduced = reduced
+        self._part = part
+        self._kept = spread(reduced.train, SCREENED_S)
+        self._places = [next(i for i, r in enumerate(reduced.train) if r is piece) for piece in self._kept]
+        problem = Posterior(reduced.twin, reduced.train, part.variables, part.joints, part.floor)
+        chosen = problem.over([reduced.train[i] for i in self._places], self._variables(), ())
+        rows = chosen.residuals(chosen.start[None])[0]
+        self._basis, _ = np.linalg.qr(differenced(chosen, chosen.start, rows, range(len(chosen.start))))
+        self.rows = self.left(rows)
+
+    def _variables(self) -> tuple[Variable, ...]:
+        return over_some(self._part.variables, self.reduced.train, self._kept)
+
+    def left(self, rows: np.ndarray) -> np.ndarray:
+        """(m,) rows without what the nuisances can do."""
+        return rows - self._basis @ (self._basis.T @ rows)
+
+    def seen(self, changed: Reduced) -> np.ndarray:
+        """(m,) what is left of the group's rows with a cause in its model."""
+        pieces = [changed.train[i] for i in self._places]
+        variables = self._variables()
+        problem = Posterior(changed.twin, pieces, variables, self._part.joints, self._part.floor)
+        return self.left(problem.residuals(problem.start[None])[0])
+
+
+@dataclass(frozen=True)
+class _Begun:
+    """A cause with values, and what all groups leave with it: rows (m,)."""
+
+    cause: SharedCause
+    values: dict[str, float]
+    rows: np.ndarray
+
+    @property
+    def cost(self) -> float:
+        return float(self.rows @ self.rows)
+
+
+class SharedSearch:
+    """Looks for one cause behind what several groups show."""
+
+    def __init__(self, twin: TwinModel, reduction: Reduction, above: Sequence[tuple[Reduced, PartFit]]) -> None:
+        self._twin, self._reduction, self._above = twin, reduction, list(above)
+        self._groups = concurrently(lambda item: _Group(*item), self._above)
+        self._nothing = np.concatenate([group.rows for group in self._groups])
+
+    def _changed(self, cause: SharedCause, values: Mapping[str, float]) -> list[Reduced]:
+        if cause.effect.shared != "load":
+            return [
+                Reduced(r.name, r.joints, r.twin.changed(cause.terms(r.twin, values)), r.train, r.holdout)
+                for r, _ in self._above
+            ]
+        whole = self._twin.changed(cause.terms(self._twin, values))
+        found = [self._reduction.of(whole, Part(r.name, r.joints, ()), r.joints) for r, _ in self._above]
+        return [reduced for reduced in found if reduced is not None]
+
+    def _rows(self, cause: SharedCause, values: Mapping[str, float]) -> np.ndarray:
+        """(m,) what all groups leave with a cause of these values."""
+        changed = self._changed(cause, values)
+        seen = [group.seen(reduced) for group, reduced in zip(self._groups, changed, strict=True)]
+        return np.nan_to_num(np.concatenate(seen), nan=1e3, posinf=1e3, neginf=-1e3)
+
+    def begun(self, cause: SharedCause, limit: TimeLimit) -> _Begun | None:
+        """A cause at the best of its starts, and along the secant to it; None where it cannot act."""
+        limit.check()
+        joints = [joint for reduced, _ in self._above for joint in reduced.joints]
+        found: list[_Begun] = []
+        for start in cause.starts(self._twin, joints):
+            try:
+                rows = self._rows(cause, start)
+                found.append(_Begun(cause, start, rows))
+                change = rows - self._nothing
+                amount = -float(change @ self._nothing) / max(float(change @ change), 1e-12)
+                along = _along(cause, start, float(np.clip(amount, LEAST_ALONG, FURTHEST_ALONG)))
+                found.append(_Begun(cause, along, self._rows(cause, along)))
+            except BadInput:
+                continue
+        return min(found, key=lambda one: one.cost) if found else None
+
+    def fitted(self, begun: _Begun, limit: TimeLimit) -> tuple[_Begun, np.ndarray]:
+        """(where Gauss-Newton takes a cause, (m, q) slopes there)."""
+        cause = begun.cause
+        slopes = np.zeros((len(begun.rows), len(cause.amplitudes)))
+        for _ in range(SHARED_ROUNDS):
+            limit.check()
+            for column, name in enumerate(cause.amplitudes):
+                step = SHARED_STEP * max(abs(begun.values[name]), abs(_typical(cause, name)))
+                rows = self._rows(cause, begun.values | {name: begun.values[name] + step})
+                slopes[:, column] = (rows - begun.rows) / step
+            move = np.linalg.lstsq(slopes, -begun.rows, rcond=None)[0]
+            moved = {n: begun.values[n] + float(m) for n, m in zip(cause.amplitudes, move, strict=True)}
+            values = _accepted(cause.effect, begun.values | moved)
+            trial = _Begun(cause, values, self._rows(cause, values))
+            gained = begun.cost - trial.cost
+            if gained > 0.0:
+                begun = trial
+            if gained < DECISIVE_NATS:
+                break
+        return begun, slopes
+
+    def best(self, causes: Sequence[SharedCause], limit: TimeLimit, seed: int) -> Shared | None:
+        """The cause that brings the groups back to the floor, on held-out motion too; None where none does."""
+        begun = sorted((b for c in causes if (b := self.begun(c, limit)) is not None), key=lambda one: one.cost)
+        fits = sorted((self.fitted(one, limit) for one in begun[:SHARED_FINALISTS]), key=lambda fit: fit[0].cost)
+        if not fits:
+            return None
+        found, slopes = fits[0]
+        cause, values = found.cause, found.values
+        looked_at = concurrently(lambda r: (r, PartFit(r.twin, r.train, r.joints)), self._changed(cause, values))
+        if not all(part.within_floor for _, part in looked_at):
+            return None
+        judged = [self._judged(old, new, seed) for old, new in zip(self._above, looked_at, strict=True)]
+        if not all(adequate for _, adequate in judged):
+            return None
+        before, after = (np.concatenate([squares[i] for squares, _ in judged]) for i in (0, 1))
+        others = [other for other, _ in fits if other is not found]
+        ties = tuple(o.cause.name for o in others if 0.5 * (o.cost - found.cost) < DECISIVE_NATS)
+        both = zip(self._above, looked_at, strict=True)
+        evidence = 0.5 * sum(old.base.cost - new.base.cost for (_, old), (_, new) in both)
+        joints = tuple(dict.fromkeys(joint for reduced, _ in self._above for joint in reduced.joints))
+        story = cause.effect.story
+        finding = Finding(
+            effect=cause.effect.key,
+            target=cause.target,
+            joints=joints,
+            parameters=_estimates(cause, values, slopes),
+            evidence_nats=evidence,
+            holdout_mse_before_rad2=float(before.mean()),
+            holdout_mse_after_rad2=float(after.mean()),
+            holdout_gain=1.0 - float(after.mean() / max(before.mean(), 1e-30)),
+            holdout_gain_ci95=block_gain(before, after, max(1, len(before) // 50), seed),
+            confusable_with=ties,
+            explanation=f"{story.what} {story.shows} Likely cause: {story.cause} What to do: {story.remedy}",
+        )
+        return Shared(finding, cause.terms(self._twin, values), looked_at)
+
+    def _judged(
+        self, old: tuple[Reduced, PartFit], new: tuple[Reduced, PartFit], seed: int
+    ) -> tuple[tuple[np.ndarray, np.ndarray], bool]:
+        """((squared errors without, with a cause) on held-out motion, whether a right model leaves as much)."""
+        found = []
+        for reduced, part in (old, new):
+            validation = Validation(part, reduced.holdout, seed=seed)
+            found.append((validation.squares(part.base), validation.judge(part.base).adequate))
+        return (found[0][0], found[1][0]), found[1][1]
+
+
+def shared_causes(twin: TwinModel, above: Sequence[tuple[Reduced, PartFit]], groups: int) -> list[SharedCause]:
+    """What may be behind several groups above the floor, of so many that move."""
+    joints = [joint for reduced, _ in above for joint in reduced.joints]
+    carried = linked(twin, [joints, *([joint] for joint in twin.joints)])
+    near = {twin.joints[index - 1] for index in next(group for group in carried if 0 in group) if index}
+    places = {
+        "servos": [ROBOT] if 2 * len(above) > groups else [],
+        "load": ["hand", *(j for j in twin.joints if j in near)],
+    }
+    return [
+        SharedCause(effect, target)
+        for effect in LIBRARY.values()
+        if effect.shared
+        for target in places[effect.shared]
+        if target == ROBOT or effect.applies(twin.place(target))
+    ]
+
+
+def _accepted(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
+    """The values, complete and within what is accepted at all."""
+    limits = {parameter.name: parameter.limits for parameter in effect.parameters}
+    return effect.complete({name: float(np.clip(value, *limits[name])) for name, value in values.items()})
+
+
+def _typical(cause: SharedCause, name: str) -> float:
+    parameter = next(p for p in cause.effect.parameters if p.name == name)
+    return 1.0 if parameter.neutral == 1.0 else parameter.default - parameter.neutral
+
+
+def _along(cause: SharedCause, start: Mapping[str, float], amount: float) -> dict[str, float]:
+    """The values this far along the line from neutral to a start."""
+    neutral = cause.effect.neutral()
+    held = {parameter.name for parameter in cause.effect.parameters if parameter.held}
+    moved = {n: neutral[n] + amount * (start[n] - neutral[n]) for n in cause.amplitudes if n not in held}
+    return _accepted(cause.effect, {**start, **moved})
+
+
+def _estimates(cause: SharedCause, values: Mapping[str, float], slopes: np.ndarray) -> dict[str, Estimate]:
+    sigmas = np.sqrt(np.diag(np.linalg.pinv(slopes.T @ slopes)))
+    found = {}
+    for name, sigma in zip(cause.amplitudes, sigmas, strict=True):
+        parameter = next(p for p in cause.effect.parameters if p.name == name)
+        half = max(Z95 * float(sigma), VALUE_FLOOR * abs(values[name]))
+        interval = (values[name] - half, values[name] + half)
+        found[name] = Estimate(value=values[name], unit=parameter.unit, ci95=interval)
+    return found

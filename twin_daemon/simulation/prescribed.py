@@ -1,0 +1,158 @@
+"""What joints outside a sub-model do to it while they move: torques that make it move as in the whole robot.
+
+A sub-model welds the joints that it leaves out, but in the recording these move: a wrist carries moving fingers. Along
+the measured motion the torque that the whole robot needs and the one that the sub-model needs are known from inverse
+dynamics; their difference is what the joints outside do (Featherstone 2008, chapter 5). Applied to the sub-model it is
+exact on the measured motion; off it by some milliradians the error is of second order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import mujoco
+import numpy as np
+from scipy.signal import savgol_filter
+
+from twin_daemon.effects.base import Measurement
+from twin_daemon.simulation.alignment import Aligned, predict
+from twin_daemon.simulation.reactions import Reaction
+from twin_daemon.simulation.twin import TwinModel
+
+_FASTEST_S = 0.004  # between two times at which torques are computed: no drive of such a robot is faster than that
+_LEAST_WINDOW = 5
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Smooth motion of all joints along a recording: `position`, `velocity`, `acceleration` (m, j) at `time_s` (m,)."""
+
+    time_s: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+
+
+def measured_motion(twin: TwinModel, recording: Aligned) -> Motion:
+    """The measured motion with its derivatives: the twin's prediction, moved smoothly to where the joints were.
+
+    The prediction has the sharp beginnings of commanded steps; what it misses is smoother and can be averaged over the
+    time that each servo takes. Differentiating readings twice would amplify their noise instead.
+    """
+    step_s = float(twin.model.opt.timestep)
+    every = max(1, round(_FASTEST_S / step_s))
+    grid = np.arange(0.0, recording.time_s[-1] + step_s, every * step_s)
+    moving = recording.moving
+    predicted = predict(twin, replace(recording, time_s=grid))
+    predicted = twin.measurement.invert(twin.joints, predicted)
+    if not np.isfinite(predicted).all():
+        predicted = np.zeros_like(predicted)
+    measured = twin.measurement.invert(twin.joints, recording.states)
+    dt = every * step_s
+    position = np.empty((3, len(grid), len(twin.joints)))
+    for joint in range(len(twin.joints)):
+        column = measured[:, joint]
+        known = np.isfinite(column)
+        if not known.any() or not moving[joint]:
+            still = float(np.nanmean(column)) if known.any() else float(twin.model.qpos0[twin.qpos_adr[joint]])
+            position[:, :, joint] = np.array([still, 0.0, 0.0])[:, None]
+            continue
+        missed = np.interp(grid, recording.time_s[known], column[known]) - predicted[:, joint]
+        period = float(np.median(np.diff(recording.time_s)))
+        window = 2.0 * max(response_time_s(twin, twin.joints[joint]), _LEAST_WINDOW * period)
+        samples = min(2 * int(0.5 * window / dt) + 1, 2 * ((len(grid) - 1) // 2) - 1)
+        for order in range(3):
+            smooth = missed if samples < 5 else savgol_filter(missed, samples, 3, deriv=order, delta=dt)
+            own = predicted[:, joint]
+            for _ in range(order):
+                own = np.gradient(own, dt)
+            position[order, :, joint] = own + (smooth if samples >= 5 or order == 0 else 0.0)
+    return Motion(grid, *position)
+
+
+def response_time_s(twin: TwinModel, joint: str) -> float:
+    """How long a joint's servo takes to follow, s: from its damping and inertia over its stiffness."""
+    scale = twin.scale(joint)
+    stiffness = max(scale.kp, 1e-12)
+    return float(max(scale.damping / stiffness, np.sqrt(scale.inertia / stiffness)))
+
+
+@dataclass(frozen=True)
+class Needed:
+    """What a whole robot needs to move along a motion; computed once for all of its parts."""
+
+    twin: TwinModel
+    motion: Motion
+
+    @cached_property
+    def torque(self) -> np.ndarray:
+        """(m, nv) generalised forces."""
+        return _inverse(self.twin, self.motion, range(len(self.twin.joints)))
+
+
+def reaction(needed: Needed, small: TwinModel) -> Reaction | None:
+    """What the joints that `small` leaves out do to it along a motion of the whole; None where they are still."""
+    outside = [index for index, joint in enumerate(needed.twin.joints) if joint not in small.joints]
+    if not outside or not np.abs(needed.motion.velocity[:, outside]).max(initial=0.0) > 0.0:
+        return None
+    return Reaction.along(_Difference(needed, small))
+
+
+@dataclass(frozen=True)
+class _Difference:
+    """What the whole robot needs less than the sub-model for the same motion."""
+
+    needed: Needed
+    small: TwinModel
+
+    @property
+    def time_s(self) -> np.ndarray:
+        return self.needed.motion.time_s
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        return self.small.joints
+
+    @property
+    def measurement(self) -> Measurement:
+        return self.needed.twin.measurement
+
+    @property
+    def position(self) -> np.ndarray:
+        """(m, k) of the sub-model's joints."""
+        return self.needed.motion.position[:, self._inside]
+
+    @property
+    def _inside(self) -> list[int]:
+        return [self.needed.twin.joints.index(joint) for joint in self.joints]
+
+    def torque(self, moved: np.ndarray | None = None) -> np.ndarray:
+        """(m, k) N m; with the sub-model's joints (k,) elsewhere by so much all the time."""
+        needed = self.needed
+        if moved is not None:
+            position = needed.motion.position.copy()
+            position[:, self._inside] += moved
+            needed = Needed(needed.twin, replace(needed.motion, position=position))
+        own = [needed.twin.dof_adr[index] for index in self._inside]
+        return _inverse(self.small, needed.motion, self._inside)[:, self.small.dof_adr] - needed.torque[:, own]
+
+
+def _inverse(twin: TwinModel, motion: Motion, columns: Sequence[int]) -> np.ndarray:
+    """(m, nv) generalised forces that inertia and gravity ask for along a motion."""
+    model = twin.model.__copy__()
+    off = mujoco.mjtDisableBit
+    model.opt.disableflags |= int(
+        off.mjDSBL_CONSTRAINT | off.mjDSBL_ACTUATION | off.mjDSBL_SPRING | off.mjDSBL_DAMPER | off.mjDSBL_CONTACT
+    )
+    data = mujoco.MjData(model)
+    chosen = list(columns)
+    out = np.empty((len(motion.time_s), model.nv))
+    for row in range(len(motion.time_s)):
+        data.qpos[twin.qpos_adr] = motion.position[row, chosen]
+        data.qvel[twin.dof_adr] = motion.velocity[row, chosen]
+        data.qacc[twin.dof_adr] = motion.acceleration[row, chosen]
+        mujoco.mj_inverse(model, data)
+        out[row] = data.qfrc_inverse
+    return out
