@@ -15,11 +15,10 @@ from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.screening import over_some
 from twin_daemon.diagnosis.thresholds import (
     DECISIVE_NATS,
-    FURTHEST_ALONG,
-    LEAST_ALONG,
     SCREENED_S,
     SHARED_FINALISTS,
     SHARED_ROUNDS,
+    SHARED_SHARES,
     SHARED_STEP,
     VALUE_FLOOR,
 )
@@ -151,20 +150,20 @@ class SharedSearch:
         return np.nan_to_num(np.concatenate(seen), nan=1e3, posinf=1e3, neginf=-1e3)
 
     def begun(self, cause: SharedCause, limit: TimeLimit) -> _Begun | None:
-        """A cause at the best of its starts, and along the secant to it; None where it cannot act."""
+        """A cause at the best of its starts, each a share of the effect's own; None where it cannot act.
+
+        How strong a load or a delay may be follows from no scale of one place, so that shares go over decades.
+        """
         limit.check()
         joints = [joint for reduced, _ in self._above for joint in reduced.joints]
         found: list[_Begun] = []
-        for start in cause.starts(self._twin, joints):
-            try:
-                rows = self._rows(cause, start)
-                found.append(_Begun(cause, start, rows))
-                change = rows - self._nothing
-                amount = -float(change @ self._nothing) / max(float(change @ change), 1e-12)
-                along = _along(cause, start, float(np.clip(amount, LEAST_ALONG, FURTHEST_ALONG)))
-                found.append(_Begun(cause, along, self._rows(cause, along)))
-            except BadInput:
-                continue
+        for start in _directions(cause, cause.starts(self._twin, joints)):
+            for share in SHARED_SHARES:
+                along = _along(cause, start, share)
+                try:
+                    found.append(_Begun(cause, along, self._rows(cause, along)))
+                except BadInput:
+                    continue
         return min(found, key=lambda one: one.cost) if found else None
 
     def fitted(self, begun: _Begun, limit: TimeLimit) -> tuple[_Begun, np.ndarray]:
@@ -228,11 +227,10 @@ class SharedSearch:
         self, old: tuple[Reduced, PartFit], new: tuple[Reduced, PartFit], seed: int
     ) -> tuple[tuple[np.ndarray, np.ndarray], bool]:
         """((squared errors without, with a cause) on held-out motion, whether a right model leaves as much)."""
-        found = []
-        for reduced, part in (old, new):
-            validation = Validation(part, reduced.holdout, seed=seed)
-            found.append((validation.squares(part.base), validation.judge(part.base).adequate))
-        return (found[0][0], found[1][0]), found[1][1]
+        before = Validation(old[1], old[0].holdout, seed=seed)
+        after = Validation(new[1], new[0].holdout, seed=seed, first=before)
+        squares = before.squares(old[1].base), after.squares(new[1].base)
+        return squares, after.judge(new[1].base).adequate
 
 
 def shared_causes(twin: TwinModel, above: Sequence[tuple[Reduced, PartFit]], groups: int) -> list[SharedCause]:
@@ -257,6 +255,17 @@ def _accepted(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
     """The values, complete and within what is accepted at all."""
     limits = {parameter.name: parameter.limits for parameter in effect.parameters}
     return effect.complete({name: float(np.clip(value, *limits[name])) for name, value in values.items()})
+
+
+def _directions(cause: SharedCause, starts: Sequence[dict[str, float]]) -> list[dict[str, float]]:
+    """The largest start of each sign of each amplitude."""
+    neutral, found = cause.effect.neutral(), {}
+    for start in starts:
+        signs = tuple(np.sign(start[name] - neutral[name]) for name in cause.amplitudes)
+        size = sum(abs(start[name] - neutral[name]) for name in cause.amplitudes)
+        if signs not in found or size > found[signs][0]:
+            found[signs] = (size, start)
+    return [start for _, start in found.values()]
 
 
 def _typical(cause: SharedCause, name: str) -> float:

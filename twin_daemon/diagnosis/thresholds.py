@@ -37,7 +37,11 @@ FINER_STEP = Threshold(0.25, "1", "of the time step where held-out motion is jud
 FOUND_SHARE = Threshold(0.5, "1", "of an effect's strength: its sigma while something else is still missing")
 FOUND_LEAST_SHARE = Threshold(0.01, "1", "of its range: the least such sigma")
 
-SHARED_FINALISTS = Count(3, "causes", "behind several groups that are fitted, of all that were begun")
+SHARED_SHARES = tuple(
+    Threshold(share, "1", "of an effect's own start: where a cause of several groups begins")
+    for share in (1.0, 0.3, 0.1, 0.03, 0.01)
+)
+SHARED_FINALISTS = Count(5, "causes", "behind several groups that are fitted, of all that were begun")
 SHARED_ROUNDS = Count(3, "rounds", "of Gauss-Newton for a value that several groups share")
 SHARED_STEP = Threshold(0.1, "1", "of such a value: its step for a slope")
 

@@ -42,6 +42,7 @@ def measured_motion(twin: TwinModel, recording: Aligned) -> Motion:
     time that each servo takes. Differentiating readings twice would amplify their noise instead.
     """
     step_s = float(twin.model.opt.timestep)
+    period = float(np.median(np.diff(recording.time_s)))
     every = max(1, round(_FASTEST_S / step_s))
     grid = np.arange(0.0, recording.time_s[-1] + step_s, every * step_s)
     moving = recording.moving
@@ -60,7 +61,6 @@ def measured_motion(twin: TwinModel, recording: Aligned) -> Motion:
             position[:, :, joint] = np.array([still, 0.0, 0.0])[:, None]
             continue
         missed = np.interp(grid, recording.time_s[known], column[known]) - predicted[:, joint]
-        period = float(np.median(np.diff(recording.time_s)))
         window = 2.0 * max(response_time_s(twin, twin.joints[joint]), _LEAST_WINDOW * period)
         samples = min(2 * int(0.5 * window / dt) + 1, 2 * ((len(grid) - 1) // 2) - 1)
         for order in range(3):
