@@ -103,8 +103,8 @@ def test_what_the_motion_cannot_tell_is_said_before_and_after(twin: TwinModel, r
         {"kind": "range_upper", "of": ["rh_FFJ3"], "reach": 0.05},
     )
     prospect = prospects(twin, [aligned], blind)
-    assert prospect["rh_FFJ0.kp"].verdict == "identifiable"
-    assert prospect["rh_FFJ3.range_upper"].verdict == "not_identifiable"
+    assert prospect["rh_FFJ0.kp"].identifiable == "identifiable"
+    assert prospect["rh_FFJ3.range_upper"].identifiable == "not_identifiable"
     assert prospect["rh_FFJ3.range_upper"].advice == "drive gently into the upper end stop"
     fitted = calibrate(twin, [aligned], [], blind, "least-squares", budget=60)
     assert fitted.parameters["rh_FFJ3.armature"].identifiable == "not_identifiable"

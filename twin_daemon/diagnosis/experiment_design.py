@@ -11,6 +11,7 @@ import numpy as np
 from twin_daemon.diagnosis.refit import refit_effect
 from twin_daemon.diagnosis.thresholds import (
     EXPERIMENT_RATE_HZ,
+    FASTEST_RAD_S,
     FEW_COMMANDS,
     MOST_RIVALS,
     RANGE_MARGIN,
@@ -161,9 +162,6 @@ def _term(finding: Finding) -> EffectTerm:
     return EffectTerm(effect=finding.effect, target=finding.target, values=values)
 
 
-_FASTEST_RAD_S = 4.0
-
-
 def _commands(twin: TwinModel, joints: Sequence[str]) -> list[str]:
     """The commands that move these joints and that the hand knows."""
     wanted = {joint for name in joints for joint in twin.joints_of(name)}
@@ -176,7 +174,7 @@ def motion(hand: Hand, commands: Sequence[str], waypoints: Waypoints, name: str)
     here = np.array([low + 0.1 * (high - low) for low, high in ranges])
     times, poses = [0.0, 0.5], [here.copy(), here.copy()]
     for column, (command, (low, high)) in enumerate(zip(commands, ranges, strict=True)):
-        slowest = 1.0 / (SPEED_SHARE * min(hand.velocity_limit_rad_s(command), _FASTEST_RAD_S))
+        slowest = 1.0 / (SPEED_SHARE * min(hand.velocity_limit_rad_s(command), FASTEST_RAD_S))
         for share, seconds in [*waypoints, (0.1, 0.6)]:
             target = low + min(max(share, 0.0), 1.0) * (high - low)
             duration = max(seconds, abs(target - here[column]) * slowest, 1.0 / EXPERIMENT_RATE_HZ)
