@@ -10,7 +10,7 @@ import yaml
 
 from tests.simulation.made import FINGER, recorded
 from twin_daemon.calibration.calibrate import Calibration, calibrate
-from twin_daemon.calibration.check import prospects
+from twin_daemon.calibration.check import advice, prospects
 from twin_daemon.calibration.spaces import Space
 from twin_daemon.estimation.windows import excerpts
 from twin_daemon.simulation.alignment import align
@@ -105,7 +105,8 @@ def test_what_the_motion_cannot_tell_is_said_before_and_after(twin: TwinModel, r
     prospect = prospects(twin, [aligned], blind)
     assert prospect["rh_FFJ0.kp"].identifiable == "identifiable"
     assert prospect["rh_FFJ3.range_upper"].identifiable == "not_identifiable"
-    assert prospect["rh_FFJ3.range_upper"].advice == "drive gently into the upper end stop"
+    told = advice("rh_FFJ3.range_upper", prospect["rh_FFJ3.range_upper"])
+    assert told == "drive gently into the upper end stop"
     fitted = calibrate(twin, [aligned], [], blind, "least-squares", budget=60)
     assert fitted.parameters["rh_FFJ3.armature"].identifiable == "not_identifiable"
     assert fitted.parameters["rh_FFJ3.range_upper"].identifiable == "not_identifiable"
