@@ -253,8 +253,7 @@ def shared_causes(twin: TwinModel, above: Sequence[tuple[Reduced, PartFit]], gro
 
 def _accepted(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
     """The values, complete and within what is accepted at all."""
-    limits = {parameter.name: parameter.limits for parameter in effect.parameters}
-    return effect.complete({name: float(np.clip(value, *limits[name])) for name, value in values.items()})
+    return effect.complete(effect.clipped(values))
 
 
 def _directions(cause: SharedCause, starts: Sequence[dict[str, float]]) -> list[dict[str, float]]:

@@ -88,9 +88,7 @@ TORQUE_FLOOR = Threshold(
 RANGE_MARGIN = Threshold(0.08, "1", "of a joint's range, kept at both ends")
 WIDEST_RAD = Threshold(2.0, "rad", "of travel, about the middle of a wider range")
 SPEED_SHARE = Threshold(0.8, "1", "of the velocity limit that a motion uses")
-FASTEST_RAD_S = Threshold(
-    4.0, "rad/s", "of an experiment where the hand allows more: a second stays readable"
-)
+FASTEST_RAD_S = Threshold(4.0, "rad/s", "of an experiment where the hand allows more: a second stays readable")
 SETTLE_S = Threshold(1.0, "s", "of rest before a motion whose predictions are compared")
 EXPERIMENT_RATE_HZ = Threshold(125.0, "Hz", "of the predicted readings: the hand's own rate")
 MOST_RIVALS = Count(3, "candidates", "that one experiment is to tell apart, beside the finding")

@@ -218,6 +218,11 @@ class Effect(ABC):
                 )
         return {name: float(values.get(name, parameter.default)) for name, parameter in known.items()}
 
+    def clipped(self, values: Mapping[str, float]) -> dict[str, float]:
+        """The values within what is accepted at all."""
+        limits = {parameter.name: parameter.limits for parameter in self.parameters}
+        return {name: float(min(max(value, limits[name][0]), limits[name][1])) for name, value in values.items()}
+
     def bounds(self, scale: Scale) -> dict[str, tuple[float, float]]:
         """Where each parameter is looked for at a place, in its unit."""
         return {parameter.name: parameter.bounds(scale) for parameter in self.parameters}
