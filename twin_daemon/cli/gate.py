@@ -6,6 +6,7 @@ import contextlib
 import gc
 import json
 import logging
+import math
 import os
 import sys
 import threading
@@ -29,7 +30,7 @@ log = logging.getLogger("twin.gate")
 
 LATCH, LOCK = "stopped.json", "gate.lock"
 _SWITCH_S = 1e-4
-_TURN_S = 0.25
+_SOON_S = 0.02
 _HANGS_S = 1.5  # the gate's thread comes round twice a second where nothing moves
 _LOCK_S = 5.0  # the gate of a daemon that was killed needs so long to bring the hand to rest and end
 
@@ -147,8 +148,6 @@ def _serve(
 
         keeper = Gatekeeper(session, gate, register, keyring, description, recalibrate, link.silent_s)
         stack.callback(keeper.close)
-        ears = Ears(session, description, Ear(twin, gate, link.tell), ros)
-        stack.callback(ears.close)
         promotions = Promotions(source, gate.foresight)
         stack.callback(promotions.close)
         where = f"listens at {address}" if how == "listens" else f"joined the router at {address}"
@@ -161,7 +160,12 @@ def _serve(
         ready()
         notifier.say("READY=1")
         end_s = None if seconds is None else time.monotonic() + seconds
-        while not stop.wait(min(STATUS_S, _TURN_S)) and (end_s is None or time.monotonic() < end_s):
+        ears: Ears | None = None
+        while not stop.wait(_SOON_S if ears is None else STATUS_S) and (end_s is None or time.monotonic() < end_s):
+            if ears is None and math.isfinite(link.silent_s(time.monotonic())):
+                # not before the daemon hears: a recording is played as soon as somebody listens
+                ears = Ears(session, description, Ear(twin, gate, link.tell), ros)
+                stack.callback(ears.close)
             if keeper.turns(within_s=_HANGS_S):
                 notifier.alive()
             found = promotions.take()

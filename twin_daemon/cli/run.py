@@ -140,11 +140,11 @@ def command(
             "diagnosis": diagnoser.latest,
             "recalibration": recalibrator.status,
         }
+        bridge = ZenohBridge(session, service, answers, ring, ros)
+        stack.callback(bridge.close)
         if chosen.commands:
             link = DaemonEnd(session, chosen.description, keyring, service.tell, recalibrator.ask)
             stack.callback(link.close)
-        bridge = ZenohBridge(session, service, answers, ring, ros)
-        stack.callback(bridge.close)
         if settings.daemon.metrics_port is not None:
             from bridges.metrics import MetricsServer
 
