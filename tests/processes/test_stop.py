@@ -151,6 +151,7 @@ def test_a_stop_outlives_the_daemon_and_a_run_that_is_due_does_not_move_the_hand
     schedule.write_text(json.dumps({"schema": 1, "last": long_ago.isoformat(), "motion_s": 0.0}))
     daemon = twin.start("run", "-c", str(config))
     twin.start("hand", "--trajectory", "none")
+    twin.query("health", 60.0)
     assert twin.run("command", "stop", "--reason", "smoke")[0] == 0
     daemon.send_signal(signal.SIGKILL)
     daemon.communicate()
