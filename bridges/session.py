@@ -59,6 +59,8 @@ def session_config(
         "scouting/delay": 0,  # a router would wait half a second for others that it does not look for
         # at 1.5 kB a message it is slower, and its mlock fails under systemd's limits
         "transport/shared_memory/enabled": False,
+        # a burst of a fast hand waits for the hop through the gate instead of being dropped
+        "transport/link/tx/queue/size/data": 16,
         **(more or {}),
     }.items():
         config.insert_json5(key, json.dumps(value))
