@@ -15,6 +15,8 @@ from twin_daemon.daemon.messages import ROS_SOURCE
 
 _GID = b"source_gid"
 _GID_BYTES = 16
+_BY = b"by:"
+_MOST_WORDS = 200
 
 
 class Speaker:
@@ -26,9 +28,11 @@ class Speaker:
         self._numbers = itertools.count()
         self.source = _entity(self._id)
 
-    def put(self, payload: bytes) -> None:
+    def put(self, payload: bytes, by: str = "") -> None:
+        """Publishes; `by` says in words for whom, where it passes on what others have said."""
         number = next(self._numbers) % 2**32
-        self._publisher.put(payload, source_info=zenoh.SourceInfo(self._id, number))
+        attached = _BY + by.encode() if by else None
+        self._publisher.put(payload, attachment=attached, source_info=zenoh.SourceInfo(self._id, number))
 
     @property
     def is_heard(self) -> bool:
@@ -48,11 +52,12 @@ class Sources:
         self._stampers: dict[str, bool] = {}
 
     def of(self, sample: zenoh.Sample) -> str:
-        """The source of a sample; "" where nothing tells it."""
+        """The source of a sample, after a space in words for whom it speaks, if it says so; "" where nothing tells."""
         info = sample.source_info
+        attached = b"" if sample.attachment is None else sample.attachment.to_bytes()
         if info is not None:
-            return _entity(info.source_id)
-        if (attached := sample.attachment) is not None and (writer := _ros_writer(attached.to_bytes())):
+            return f"{_entity(info.source_id)} {_words(attached)}".rstrip()
+        if writer := _ros_writer(attached):
             return writer
         stamp = sample.timestamp
         return "" if stamp is None else self._stamped_by(str(stamp.get_id()))
@@ -72,6 +77,9 @@ class Sources:
         """A source in words: its address and login, where it is connected to this session itself."""
         if not source:
             return "a publisher that does not say who it is"
+        source, _, words = source.partition(" ")
+        if words:
+            return f"{words}, through {self.named(source)}"
         zid = source.removeprefix(ROS_SOURCE).partition("/")[0]
         if source.startswith(ROS_SOURCE):
             return f"the ROS 2 writer {zid}" if zid else "a ROS 2 writer"
@@ -84,6 +92,14 @@ class Sources:
 
 def _entity(entity: Any) -> str:
     return f"{entity.zid}/{entity.eid}"
+
+
+def _words(attachment: bytes) -> str:
+    """What a speaker says of those for whom it speaks; "" for any other attachment."""
+    if not attachment.startswith(_BY):
+        return ""
+    said = attachment.removeprefix(_BY)[:_MOST_WORDS].decode(errors="replace")
+    return "".join(letter if letter.isprintable() else "?" for letter in said)
 
 
 def _ros_writer(attachment: bytes) -> str:

@@ -106,11 +106,12 @@ class ZenohLink:
 
         return session.declare_subscriber(key, receive)
 
-    def put(self, stream: str, payload: bytes) -> None:
-        """Sends bytes as they are. Without a connection they are lost, and counted as unsent."""
+    def put(self, stream: str, payload: bytes, by: str = "") -> None:
+        """Sends bytes as they are, with who they are from in words. Without a connection they are lost, and counted as
+        unsent."""
         publisher = self._publishers.get(stream)
         if publisher is not None:
-            publisher.put(payload)
+            publisher.put(payload, by)
         self.counts[f"{stream}.{'forwarded' if self.connected else 'unsent'}"] += 1
 
     def put_request(self, key: str, payload: bytes, proof: bytes | None) -> bool:

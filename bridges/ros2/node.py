@@ -8,6 +8,7 @@ from collections import Counter
 from functools import partial
 from typing import Any
 
+import numpy as np
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
@@ -21,21 +22,27 @@ from bridges import cdr
 from bridges.guard import Guard
 from bridges.residual import known_residual
 from bridges.ros2.commands import Commands
+from bridges.ros2.controllers import ControllerTopics
 from bridges.ros2.conversions import trajectory_message
 from bridges.ros2.diagnostics import Diagnostics
 from bridges.ros2.driver_stop import RosDriverStop
 from bridges.ros2.link import ZenohLink
-from bridges.ros2.outlet import RosOutlet
+from bridges.ros2.outlet import RosOutlet, trajectory_content
+from bridges.ros2.own_messages import OwnMessages
 from bridges.ros2.parameters import PERIOD, declare_parameters
+from bridges.ros2.publishers import others_on
 from bridges.ros2.requests import Requests
 from bridges.ros2.trajectories import TrajectoryFollower
-from twin_daemon.daemon.messages import MalformedPayload
+from twin_daemon.daemon.messages import JointSample, MalformedPayload
 
 log = logging.getLogger("twin.bridge")
 
 NODE_NAME = "twin_bridge"
 _CONNECT_PERIOD_S = 0.1
 _FRESH_S = 1.0  # an older measurement does not say where a joint is
+_LOOK_AGAIN_S = 1.0  # who publishes on a topic is not asked for every message of a stream
+# That somebody commands the hand, where no target can be told.
+_NOTHING_SAID = cdr.encode(JointSample(0, (), np.zeros(0)))
 # The sensor-data profile with a deeper queue: at 1 kHz its five messages are gone in a 5 ms stall.
 _SENSOR = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -59,6 +66,10 @@ class TwinBridge(Node):
         # of the joint states: payload, and arrival on the monotonic clock
         self._latest: tuple[bytes, float] = (b"", float("-inf"))
         self._follower = TrajectoryFollower()
+        self._followed = ""  # who sent what it follows
+        self._own = OwnMessages()
+        self._others: dict[str, tuple[float, str]] = {}  # by topic: until when it holds, who publishes there
+        self._controllers: ControllerTopics | None = None
         self.settings = settings = declare_parameters(self)
         guard = self.guard.around
         self._wake = self.create_guard_condition(guard("a message of the twin", self._settle))
@@ -76,7 +87,8 @@ class TwinBridge(Node):
             published = settings.command_output != "none"
             if settings.description.stop is not None and settings.description.stop.ros_service is not None:
                 RosDriverStop(self, self.link, settings.description, self.guard)
-            self._outlet = RosOutlet(self, self.link, settings, self.guard) if published else None
+            if published:
+                RosOutlet(self, self.link, settings, self._own, self.guard)
             self._subscribe(JointState, settings.joint_states_topic, self._measured, _SENSOR, raw=True)
             self._subscribe(JointState, settings.joint_commands_topic, self._commanded, _SENSOR, raw=True)
             # a single message that matters, which controllers take reliably as well
@@ -87,6 +99,8 @@ class TwinBridge(Node):
             # by the machine's own clock: a simulated one may stand still
             steady = Clock(clock_type=ClockType.STEADY_TIME)
             self.create_timer(_CONNECT_PERIOD_S, guard("the connection", self._connect), clock=steady)
+            if settings.watch_controllers:
+                self._controllers = ControllerTopics(self, settings.description, self._own, self._wake.trigger, _SENSOR)
             Commands(self, self.requests, self.guard)
             self._diagnostics = Diagnostics(
                 self,
@@ -103,7 +117,7 @@ class TwinBridge(Node):
             )
             self.add_post_set_parameters_callback(self._parameters_changed)
         except BaseException:
-            self.link.close()
+            self._withdraw()
             raise
 
     def _subscribe(self, kind: Any, topic: str, callback: Any, qos: QoSProfile, raw: bool = False) -> None:
@@ -112,9 +126,14 @@ class TwinBridge(Node):
         self.create_subscription(kind, topic, guarded, qos, qos_overriding_options=options, raw=raw)
 
     def close(self) -> None:
-        """Withdraws from both networks; the transport's threads are quiet before the node goes."""
-        self.link.close()
+        """Withdraws from both networks; all threads are quiet before the node goes."""
+        self._withdraw()
         self.destroy_node()
+
+    def _withdraw(self) -> None:
+        if self._controllers is not None:
+            self._controllers.close()
+        self.link.close()
 
     def counts(self) -> dict[str, int]:
         """Messages by stream and by what became of them."""
@@ -128,15 +147,36 @@ class TwinBridge(Node):
         self._latest = payload, time.monotonic()
         self.link.put("joint_states", payload)
 
-    def _commanded(self, payload: bytes) -> None:
-        if self._outlet is not None and self._outlet.said(payload):
-            return
-        self._follower.forget()
-        self.link.put("joint_commands", payload)
+    def _commanded(self, payload: bytes, info: Any) -> None:
+        topic = self.resolve_topic_name(self.settings.joint_commands_topic)
+        if not self._own.take(topic, payload, info["source_timestamp"]):
+            self._follower.forget()
+            self._foreign("joint_commands", payload, self._others_on(topic))
 
-    def _trajectory(self, message: JointTrajectory) -> None:
-        if self._outlet is not None and self._outlet.said(message):
+    def _controlled(self, topic: str, targets: dict[str, float]) -> None:
+        """Somebody else has sent targets (rad) to position controllers."""
+        self._follower.forget()
+        command = JointSample(self._now_ns(), tuple(targets), np.array(list(targets.values())))
+        self._foreign("position_controllers", cdr.encode(command), self._others_on(topic))
+
+    def _foreign(self, form: str, payload: bytes, by: str) -> None:
+        """A command past the gate: the twin follows it, and the gate learns whose it is."""
+        self.link.counts[f"foreign.{form}"] += 1
+        self.link.put("joint_commands", payload, by)
+
+    def _others_on(self, topic: str) -> str:
+        now_s = time.monotonic()
+        until_s, found = self._others.get(topic, (0.0, ""))
+        if now_s > until_s:
+            found = others_on(self, topic)
+            self._others[topic] = now_s + _LOOK_AGAIN_S, found
+        return found
+
+    def _trajectory(self, message: JointTrajectory, info: Any) -> None:
+        topic = self.resolve_topic_name(self.settings.trajectory_topic)
+        if self._own.take(topic, trajectory_content(message), info["source_timestamp"]):
             return
+        self._followed = self._others_on(topic)
         try:
             positions: dict[str, float] | None = None
 
@@ -149,8 +189,11 @@ class TwinBridge(Node):
             self._follower.accept(trajectory_message(message, self._now_ns()), measured)
         except MalformedPayload as error:
             self._trajectories[error.kind] += 1
+            self._foreign("trajectory", _NOTHING_SAID, self._followed)
             raise
         self._trajectories["followed"] += 1
+        if not message.points:  # the hand is told to stop where it is
+            self._foreign("trajectory", _NOTHING_SAID, self._followed)
         self._follow()
         if self._follower.active:
             self._follow_timer.reset()
@@ -169,7 +212,7 @@ class TwinBridge(Node):
     def _follow(self) -> None:
         command = self._follower.sample(self._now_ns())
         if command is not None:
-            self.link.put("joint_commands", cdr.encode(command))
+            self._foreign("trajectory", cdr.encode(command), self._followed)
         if not self._follower.active:
             self._follow_timer.cancel()
 
@@ -184,6 +227,8 @@ class TwinBridge(Node):
 
     def _settle(self) -> None:
         self.link.settle()
+        if self._controllers is not None:
+            self._controllers.settle(self._controlled)
 
     def _publish(self, stream: str, payload: bytes) -> None:
         try:

@@ -6,7 +6,6 @@ It hears for itself what has left the gate, and there is no other way to make it
 from __future__ import annotations
 
 import time
-from collections import deque
 from collections.abc import Callable, Hashable
 from typing import Any
 
@@ -21,11 +20,11 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from bridges import cdr
 from bridges.guard import Guard
 from bridges.ros2.link import ZenohLink
+from bridges.ros2.own_messages import OwnMessages
 from bridges.ros2.parameters import Parameters
 from twin_daemon.daemon.messages import JointSample, MalformedPayload
 
 _STALE_S = 0.5
-_REMEMBERED = 256  # of its own messages, which come back on topics that the bridge hears as well
 
 
 class RosOutlet:
@@ -34,19 +33,14 @@ class RosOutlet:
     What is older than 0.5 s is left out: a bridge that stood still does not make up for it in a burst.
     """
 
-    def __init__(self, node: Node, link: ZenohLink, settings: Parameters, guard: Guard) -> None:
+    def __init__(self, node: Node, link: ZenohLink, settings: Parameters, own: OwnMessages, guard: Guard) -> None:
         self._node = node
         self._commands = settings.description.commands
         self._counts = link.counts
-        self._own: deque[Hashable] = deque(maxlen=_REMEMBERED)
+        self._own = own
         self._form = self._forms(settings)[settings.command_output]()
         key = settings.description.key("command", verb="sent")
         link.hear(key, guard.around("a command of the gate", self._pass_on))
-
-    def said(self, content: bytes | JointTrajectory) -> bool:
-        """Whether this message of a command topic is one of its own."""
-        own = content if isinstance(content, bytes) else _content(content)
-        return own in self._own
 
     def _pass_on(self, payload: bytes) -> None:
         try:
@@ -81,8 +75,7 @@ class RosOutlet:
         publisher = self._publisher(JointState, topic)
 
         def publish(_: JointSample, payload: bytes) -> None:
-            self._own.append(payload)
-            publisher.publish(payload)
+            self._say(publisher, payload, payload)
 
         return publish
 
@@ -96,8 +89,7 @@ class RosOutlet:
             point.time_from_start.nanosec = round(period_s * 1e9) % 1_000_000_000
             point.time_from_start.sec = int(period_s)
             message.points = [point]
-            self._own.append(_content(message))
-            publisher.publish(message)
+            self._say(publisher, message, trajectory_content(message))
 
         return publish
 
@@ -106,16 +98,20 @@ class RosOutlet:
 
         def publish(command: JointSample, _: bytes) -> None:
             for name, value in zip(command.names, command.position.tolist(), strict=True):
-                publishers[name].publish(Float64(data=value))
+                self._say(publishers[name], Float64(data=value), value)
 
         return publish
+
+    def _say(self, publisher: Any, message: Any, content: Hashable) -> None:
+        with self._own.publishing(publisher.topic_name, content):
+            publisher.publish(message)
 
     def _publisher(self, kind: Any, topic: str) -> Any:
         options = QoSOverridingOptions.with_default_policies()
         return self._node.create_publisher(kind, topic, QoSProfile(depth=10), qos_overriding_options=options)
 
 
-def _content(message: JointTrajectory) -> Hashable:
+def trajectory_content(message: JointTrajectory) -> Hashable:
     """What tells one trajectory from another: joints, and positions and times of the points."""
     points = tuple(
         (tuple(point.positions), point.time_from_start.sec, point.time_from_start.nanosec) for point in message.points

@@ -42,6 +42,7 @@ class Parameters:
     identity: str
     signer: Signer
     command_output: str
+    watch_controllers: bool
 
 
 def declare_parameters(node: Node) -> Parameters:
@@ -82,6 +83,9 @@ def declare_parameters(node: Node) -> Parameters:
         identity=identity,
         signer=_signer(identity),
         command_output=_output(hand, output),
+        watch_controllers=fixed(
+            "watch_controllers", True, "Whether who else speaks to the hand's position controllers is heard."
+        ),
     )
 
 

@@ -28,6 +28,8 @@ class Peer(Node):
     def __init__(self) -> None:
         super().__init__("peer")
         self.heard: dict[str, list[Any]] = {"prediction": [], "residual": [], "diagnostics": []}
+        self.latest: dict[str, Any] = {}
+        self.copies: dict[str, Any] = {}
         self.create_subscription(JointState, "twin/joint_states", self._joints("prediction"), 100)
         self.create_subscription(JointState, "twin/residual", self._joints("residual"), qos_profile_sensor_data)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._diagnostics, 10)
@@ -37,7 +39,7 @@ class Peer(Node):
         }
         self.trajectories = {
             topic: self.create_publisher(JointTrajectory, topic, 10)
-            for topic in ("joint_trajectory", "twin/trajectory")
+            for topic in ("joint_trajectory", "twin/trajectory", "/rh_trajectory_controller/command")
         }
         self.targets = self.create_publisher(JointState, "twin/target", 10)
         self.beats = self.create_publisher(Empty, "twin/heartbeat", 10)
@@ -107,12 +109,22 @@ class Peer(Node):
     def listen(self, topic: str, kind: str) -> None:
         """From now on what comes on a command topic is heard too: numbers, or a trajectory's only point."""
         self.heard[topic] = []
-        if kind == "Float64":
-            self.create_subscription(Float64, topic, lambda message: self.heard[topic].append(message.data), 100)
-        elif kind == "JointState":
-            self.create_subscription(JointState, topic, self._joints(topic), 100)
-        else:
-            self.create_subscription(JointTrajectory, topic, self._points(topic), 100)
+        note, form = {
+            "Float64": (lambda message: self.heard[topic].append(message.data), Float64),
+            "JointState": (self._joints(topic), JointState),
+            "JointTrajectory": (self._points(topic), JointTrajectory),
+        }[kind]
+
+        def hear(message: Any) -> None:
+            self.latest[topic] = message
+            note(message)
+
+        self.create_subscription(form, topic, hear, 100)
+        self.copies[topic] = self.create_publisher(form, topic, 10)
+
+    def copy(self, topic: str) -> None:
+        """Says once more, to the last bit, what was heard last on a topic that it listens to."""
+        self.copies[topic].publish(self.latest[topic])
 
     def _points(self, topic: str) -> Any:
         def hear(message: JointTrajectory) -> None:

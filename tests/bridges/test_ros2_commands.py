@@ -18,6 +18,7 @@ import zenoh
 from bridges import cdr
 from bridges.commander import Commander
 from bridges.session import open_client, session_config
+from bridges.sources import Sources
 from tests.bridges.ros_network import Peer, needs_ros
 from tests.processes.conftest import Twin, until
 from twin_daemon.daemon.messages import JointSample
@@ -28,6 +29,7 @@ ROOT = Path(__file__).resolve().parents[2]
 NS = "shadow_hand"
 SLOW_MACHINE = {"heartbeat_s": 2.0, "state_timeout_s": 2.0, "command_age_s": 30.0}
 SLOW_JOINT = {"rh_MFJ3": {"velocity_rad_s": 0.02}}
+TRAJECTORY = "/rh_trajectory_controller/command"
 FFJ3, FFJ0 = "/sh_rh_ffj3_position_controller/command", "/sh_rh_ffj0_position_controller/command"
 
 
@@ -63,21 +65,13 @@ def test_that_place_takes_nothing_but_what_left_the_gate() -> None:
     tree = trees()["outlet.py"]
     (outlet,) = [node for node in tree.body if isinstance(node, ast.ClassDef)]
     methods = {node.name for node in outlet.body if isinstance(node, ast.FunctionDef)}
-    assert {name for name in methods if not name.startswith("_")} == {"said"}
+    assert {name for name in methods if not name.startswith("_")} == set()
     (heard,) = calls(tree, "hear")
     keys = [node for node in ast.walk(tree) if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "key"]
     assert ast.unparse(heard.args[0]) == "key"
     assert [ast.unparse(node.value) for node in keys] == ["settings.description.key('command', verb='sent')"]
     # what publishes is only reached from what was heard there
     assert [ast.unparse(call) for call in calls(tree, "_form")] == ["self._form(self._checked(payload), payload)"]
-    outside = {
-        node.attr
-        for name, other in trees().items()
-        if name != "outlet.py"
-        for node in ast.walk(other)
-        if isinstance(node, ast.Attribute) and ast.unparse(node.value).endswith("_outlet")
-    }
-    assert outside == {"said"}
 
 
 # -- with a daemon and a stand-in hand -----------------------------------------------------------------------
@@ -224,6 +218,17 @@ class TestThroughTheGate:
         assert call(operator, "release")["success"] is True
         assert call(operator, "arm")["success"] is True
 
+        # a node that repeats to a controller what the bridge has told it
+        operator.do("ramp", names=["rh_FFJ3"], start=[0.1], end=[0.3], count=80, rate_hz=50.0)
+
+        def repeated() -> Any:
+            driver.do("copy", topic=FFJ3)
+            operator.do("ramp", names=["rh_FFJ3"], start=[0.3], end=[0.3], count=1, rate_hz=50.0)
+            return (gate := scene.gate())["mode"] == "read_only" and gate["ended"]
+
+        assert f"past the gate: the ROS 2 node /driver on {FFJ3}" in until(repeated, 20.0)
+        until(lambda: call(operator, "arm")["success"], 20.0)
+
         # the bridge dies while the hand follows a stream
         operator.do("ramp", names=["rh_MFJ3"], start=[0.05], end=[0.25], count=10, rate_hz=50.0)
         until(lambda: scene.gate()["moving"])
@@ -242,7 +247,8 @@ class TestWaysOut:
         ("output", "topic", "kind"),
         [
             ("joint_commands", "joint_commands", "JointState"),
-            ("trajectory", "/rh_trajectory_controller/command", "JointTrajectory"),
+            ("trajectory", TRAJECTORY, "JointTrajectory"),
+            ("position_controllers", FFJ3, "Float64"),
         ],
     )
     def test_what_left_the_gate_and_nothing_else_is_published(
@@ -252,13 +258,15 @@ class TestWaysOut:
         driver, _ = peers
         driver.do("listen", topic=topic, kind=kind)
         sent, names = "twin/shadow_hand/command/sent", ("rh_FFJ0", "rh_FFJ3")
+        end = [0.25] if kind == "Float64" else [0.5, 0.25]
         with zenoh.open(session_config("router", listen=[twin.endpoint])) as router:
-            forwarded: list[bytes] = []
-            ear = router.declare_subscriber(
-                f"{NS}/joint_commands",
-                lambda sample: forwarded.append(sample.payload.to_bytes()),
-                allowed_origin=zenoh.Locality.REMOTE,
-            )
+            forwarded: list[tuple[JointSample, str]] = []
+            sources = Sources(router)
+
+            def hear(sample: zenoh.Sample) -> None:
+                forwarded.append((cdr.decode(sample.payload.to_bytes()), sources.named(sources.of(sample))))
+
+            ear = router.declare_subscriber(f"{NS}/joint_commands", hear, allowed_origin=zenoh.Locality.REMOTE)
             bridge = twin.start("bridge", "ros2", "--ros-args", "-p", f"command_output:={output}")
 
             def said(position: list[float], names: tuple[str, ...] = names, late_s: float = 0.0) -> bytes:
@@ -273,19 +281,27 @@ class TestWaysOut:
             router.put(sent, b"no CDR at all")
             last = said([0.5, 0.25])
             router.put(sent, last)
-            heard: list[dict[str, Any]] = []
-            until(lambda: heard.extend(driver.do("take")[topic]) or (heard and positions(heard[-1]) == [0.5, 0.25]))
+            heard: list[Any] = []
+            until(lambda: heard.extend(driver.do("take")[topic]) or (heard and positions(heard[-1]) == end))
             assert not any(9.0 in positions(one) for one in heard)
-            assert heard[-1]["names"] == list(names)
+            if kind != "Float64":
+                assert heard[-1]["names"] == list(names)
             if kind == "JointTrajectory":
                 assert heard[-1]["times_s"] == [pytest.approx(0.008)]
                 assert heard[-1]["stamp_s"] == 0
             time.sleep(0.3)
             assert forwarded == [], "what the bridge itself published came back as a command of somebody else"
 
-            # somebody else on that topic is somebody else
+            # somebody else on any of the topics is somebody else, also with what the bridge has just published
+            driver.do("copy", topic=topic)
+            copied, by = until(lambda: forwarded and forwarded[0])
+            assert copied.position[-1] == 0.25
+            assert "/driver" in by
+            assert f"on {'/' + topic.lstrip('/')}, through tcp/127.0.0.1" in by
             driver.do("publish", topic="joint_commands", names=["rh_FFJ3"], position=[0.1], count=3, rate_hz=50.0)
-            until(lambda: forwarded)
+            until(lambda: any(said.position.tolist() == [0.1] for said, _ in forwarded))
+            driver.do("trajectory", names=["rh_FFJ3"], times_s=[], positions=[], topic=TRAJECTORY)
+            until(lambda: any(not said.names for said, _ in forwarded))
             code, _, err = twin.end(bridge, 20.0)
             assert code == 0, err
             assert err.count("a command of the gate failed") == 1
@@ -300,8 +316,10 @@ class TestWaysOut:
             assert wrong[one] in err.splitlines()[-1]
 
 
-def positions(heard: dict[str, Any]) -> list[float]:
-    """Of a JointState, or of the only point of a trajectory."""
+def positions(heard: Any) -> list[float]:
+    """Of a JointState, of the only point of a trajectory, or what a position controller is told."""
+    if isinstance(heard, float):
+        return [heard]
     if "positions" in heard:
         (only,) = heard["positions"]
         return only

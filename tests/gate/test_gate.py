@@ -83,6 +83,11 @@ LOSSES: dict[str, tuple[str, Any]] = {
     "stale": ("last heard", lambda rig: setattr(rig, "speaks", False)),
     "standstill": ("stood still", lambda rig: rig.turn(0.5)),
     "foreign": ("somebody else", lambda rig: rig.gate.seen(5, ("rh_FFJ3",), np.array([0.1]), rig.now_s + 1.0)),
+    "foreign, half a pair": (
+        "somebody else",
+        lambda rig: rig.gate.seen(5, ("rh_FFJ1",), np.array([0.1]), rig.now_s + 1.0),
+    ),
+    "foreign, unreadable": ("somebody else", lambda rig: rig.gate.seen(5, (), np.zeros(0), rig.now_s + 1.0, "x")),
     "copied stamp": ("somebody else", lambda rig: forged(rig, rig.gate.settings.jump_rad)),
     "sent again later": ("somebody else", lambda rig: forged(rig, 0.0, 2.5)),
     "another publisher": ("somebody else", lambda rig: forged(rig, 0.0, source="another")),

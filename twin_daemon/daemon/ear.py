@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from twin_daemon.daemon.intake import Intake, joint_ranges, wrong_with
+from twin_daemon.daemon.intake import Intake, joint_ranges
 from twin_daemon.daemon.messages import ROS_SOURCE, JointSample
 from twin_daemon.daemon.mirror import Mirror
 from twin_daemon.daemon.one_source import Doubts, in_words
@@ -45,10 +45,9 @@ class Ear:
 
     def on_command(self, sample: JointSample, now_s: float) -> None:
         """One decoded command, whoever sent it."""
-        if wrong_with(sample) is None and np.isfinite(sample.position).any():
-            # a bridge to ROS sends back what it was sent
-            source = None if sample.source.startswith(ROS_SOURCE) else sample.source
-            self._gate.seen(sample.stamp_ns, sample.names, sample.position, now_s, source)
+        # a bridge to ROS sends back what it was sent
+        source = None if sample.source.startswith(ROS_SOURCE) else sample.source
+        self._gate.seen(sample.stamp_ns, sample.names, sample.position, now_s, source)
 
     def _efforts(self, sample: JointSample) -> dict[str, float] | None:
         """The efforts that the gate has limits for, by joint."""

@@ -136,16 +136,15 @@ class Gate:
         self, stamp_ns: int, names: tuple[str, ...], position: np.ndarray, now_s: float, source: str | None = None
     ) -> None:
         """A command on its way to the hand. One that is not the gate's own ends what the gate does: it has another
-        content than what was sent, or comes from another `source` than the `outlet` (None: it may be an echo)."""
+        content than what was sent, or comes from another `source` than the `outlet` (None: it may be an echo). One that
+        cannot be read is somebody else's, too: what the hand makes of it nobody knows."""
         elsewhere = source is not None and bool(self.outlet) and source != self.outlet
         if not elsewhere and self._own.holds(stamp_ns, names, position, now_s):
             return
         with self._lock:
-            try:
+            with contextlib.suppress(BadInput, ValueError):
                 row = commands_of(self._hand, dict(zip(names, position.tolist(), strict=True)))
-            except (BadInput, ValueError):
-                return
-            self._senses.told(row_of(self.limits, row))
+                self._senses.told(row_of(self.limits, row))
             self._is_last = False
             if self._mode == "armed" and now_s > self._first_sent_s + _GRACE_S > 0.0:
                 by = f": {self.names_source(source)}" if source else ""
