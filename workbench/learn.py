@@ -15,6 +15,7 @@ from twin_daemon.effects import LIBRARY
 from twin_daemon.errors import BadInput, nearest
 from twin_daemon.figures.effect import effect_figure
 from twin_daemon.figures.style import REFERENCE, TWIN, label, styled
+from twin_daemon.places import HAND, ROBOT
 from twin_daemon.report.chart import chart
 from twin_daemon.report.page import diagnosis_section, ladder_chart
 from twin_daemon.signals.trajectory import load_trajectory
@@ -102,7 +103,8 @@ class Learn:
             for kind in LIBRARY.values()
         ]
         nominal = self._shelf.nominal
-        return {"effects": effects, "places": list(dict.fromkeys([*nominal.joints, *nominal.actuators, "hand"]))}
+        places = list(dict.fromkeys([*nominal.joints, *nominal.actuators, HAND, ROBOT]))
+        return {"effects": effects, "places": places}
 
     def _effect(self, request: Request) -> dict[str, Any]:
         """What a typical amount of an effect does to a motion of the model. Nothing moves."""

@@ -112,12 +112,13 @@ def objective_of(space: Space, twin: TwinModel, moving: tuple[str, ...]) -> tupl
 def _of_effects(twin: TwinModel, moving: Sequence[str]) -> list[EffectVariable]:
     """A variable for each value of the twin's effects that act on joints that move.
 
-    Effects of the whole hand stay as they are: they would tie all of its parts into one search.
+    Effects of the whole hand stay as they are, and those that are one for all servos: they would tie all of its parts
+    into one search.
     """
     variables = []
     for term in twin.terms.effects:
         joints = twin.joints_of(term.target)
-        if set(joints) & set(moving):
+        if set(joints) & set(moving) and not twin.terms.is_at_servos(term, twin.actuators):
             scale = twin.scale(term.target)
             for p in LIBRARY[term.effect].parameters:
                 if not p.held:

@@ -16,6 +16,7 @@ from twin_daemon.cli.effects import nearest_effect
 from twin_daemon.cli.session import Session, open_session, require_folder
 from twin_daemon.cli.tables import slim_table
 from twin_daemon.errors import BadInput
+from twin_daemon.places import ROBOT
 
 if TYPE_CHECKING:
     from twin_daemon.effects.base import Effect, Place
@@ -42,8 +43,9 @@ def command(
     joint_map: options.JointMap = None,
     json: options.Json = None,
 ) -> None:
-    """Add an effect at each joint ('hand' for effects of the whole hand) and store a candidate version.
+    """Add an effect at each joint ('hand' for effects of the whole hand, 'robot' for all servos alike) and store it.
 
+    It becomes a candidate version.
     With recordings the effect's values are fitted, the model's uncertain parameters beside them under priors; what
     --set gives stays as given. Without recordings the values are those of --set, and typical ones for the rest.
     """
@@ -101,7 +103,7 @@ def effect_targets(twin: TwinModel, kind: Effect, joints: Sequence[str]) -> list
                 f"'{kind.key}' acts on {_acts_on(kind)}, not on '{place.target}'", todo=_hint(twin, kind, place)
             )
         targets.append(place.target)
-    return list(dict.fromkeys(targets))
+    return [ROBOT] if ROBOT in targets else list(dict.fromkeys(targets))
 
 
 def _acts_on(kind: Effect) -> str:

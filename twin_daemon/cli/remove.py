@@ -7,6 +7,7 @@ from twin_daemon.cli.add import Key, data_of, draft_of, errors, known_effect, sh
 from twin_daemon.cli.console import emit_json
 from twin_daemon.cli.session import open_session, require_folder
 from twin_daemon.errors import BadInput
+from twin_daemon.places import ROBOT
 
 
 def command(
@@ -22,15 +23,17 @@ def command(
     joint_map: options.JointMap = None,
     json: options.Json = None,
 ) -> None:
-    """Remove an effect from the twin at each joint, and store a candidate version; the other terms stay.
+    """Remove an effect from the twin at each joint ('robot': at all servos), and store a candidate version.
 
-    With recordings it says what the twin loses by it.
+    The other terms stay. With recordings it says what the twin loses by it.
     """
     require_folder(json)
     session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)
     kind = known_effect(effect)
-    targets = list(dict.fromkeys(session.twin.place(name).target for name in joint))
+    places = list(dict.fromkeys(session.twin.place(name).target for name in joint))
     present = [t.target for t in session.twin.terms.effects if t.effect == kind.key]
+    servos = [name for name in session.twin.actuators if name in present]
+    targets = servos or places if ROBOT in places else places
     for target in targets:
         if target not in present:
             raise BadInput(
@@ -41,7 +44,7 @@ def command(
             )
     changed = session.twin.changed(session.twin.terms.without_effect(kind.key, set(targets)))
     train, held, notes = data_of(session, recording, holdout, trajectory)
-    title = f"{effect} removed at {', '.join(targets)}"
+    title = f"{effect} removed at {', '.join(places)}"
     payload = {
         "effect": effect,
         "targets": targets,

@@ -149,6 +149,8 @@ def _finding(accepted: Accepted) -> Finding:
         target=hypothesis.target,
         joints=joints,
         parameters=own_estimates(fit),
+        values=hypothesis.term(fit.values).values,
+        moved=fit.moved,
         evidence_nats=part.evidence_nats(fit),
         holdout_mse_before_rad2=judged.mse_before,
         holdout_mse_after_rad2=judged.mse_after,

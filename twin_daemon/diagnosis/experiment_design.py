@@ -25,11 +25,12 @@ from twin_daemon.effects import LIBRARY
 from twin_daemon.errors import BadInput
 from twin_daemon.estimation.posterior import floor_variance
 from twin_daemon.hand.description import Hand
+from twin_daemon.places import ROBOT
 from twin_daemon.signals.commands import CommandSignal
 from twin_daemon.signals.trajectory import Trajectory, allowed_range, load_trajectory, save_trajectory
 from twin_daemon.simulation.alignment import Aligned, resample
 from twin_daemon.simulation.rollout import roll_out
-from twin_daemon.simulation.terms import EffectTerm, Terms
+from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
 
 Waypoints = list[tuple[float, float]]
@@ -107,8 +108,8 @@ def _separating(
     base = twin.terms
     for other in found.findings:
         if other is not doubtful:
-            base = base.with_effect(_term(other))
-    candidates = {f"{doubtful.effect}:{doubtful.target}": base.with_effect(_term(doubtful))}
+            base = base.with_effect(other.term)
+    candidates = {doubtful.name: base.with_effect(doubtful.term)}
     for name in doubtful.confusable_with[:MOST_RIVALS]:
         key, _, target = name.partition(":")
         try:
@@ -117,10 +118,13 @@ def _separating(
             continue
         candidates[name] = base.with_effect(refit.terms[0])
     commands = _commands(twin, doubtful.joints)
+    if doubtful.target == ROBOT:
+        commands = commands[:FEW_COMMANDS]  # what all servos have alike shows at a few of them
     if len(candidates) < 2 or not commands:
         return None
     motions = {name: motion(twin.hand, commands, make(), name) for name, make in FAMILY.items()}
-    measured = [name for name in doubtful.joints if name in twin.joints]  # a pair's command stands among them
+    moved = {joint for command in commands for joint in twin.joints_of(command)}
+    measured = [name for name in doubtful.joints if name in moved]  # a pair's command stands among them
     differences = {name: expected_difference(twin, candidates, m, measured) for name, m in motions.items()}
     best = max(differences, key=lambda name: differences[name])
     title = f"{doubtful.effect}_or_{'_or_'.join(n.partition(':')[0] for n in list(candidates)[1:])}"
@@ -155,11 +159,6 @@ def _general(hand: Hand, commands: Sequence[str], folder: Path) -> Experiment | 
         why=f"steps, two speeds, small reversals and holds on {', '.join(commands[:FEW_COMMANDS])}"
         + (f" and {len(commands) - FEW_COMMANDS} more, one after another" if len(commands) > FEW_COMMANDS else ""),
     )
-
-
-def _term(finding: Finding) -> EffectTerm:
-    values = {name: p.value for name, p in finding.parameters.items()}
-    return EffectTerm(effect=finding.effect, target=finding.target, values=values)
 
 
 def _commands(twin: TwinModel, joints: Sequence[str]) -> list[str]:

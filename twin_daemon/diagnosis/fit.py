@@ -41,6 +41,11 @@ class Fit:
             found[variable.parameter] = variable.value(self.point[index])
         return found
 
+    @property
+    def moved(self) -> dict[str, float]:
+        """The model's own parameters where the fit has taken them: absolute, by name."""
+        return self.problem.settings(self.point)[0]
+
     @cached_property
     def deviations(self) -> dict[str, float]:
         """How many sigma each nuisance is from its prior, the zeros of readings ("<joint>.offset") among them."""

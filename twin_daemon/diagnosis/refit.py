@@ -9,6 +9,8 @@ import numpy as np
 
 from twin_daemon.diagnosis.candidates import Hypothesis, candidate, informed
 from twin_daemon.diagnosis.fit import Fit, as_fit, own_columns, own_estimates
+from twin_daemon.diagnosis.part_fit import PartFit
+from twin_daemon.diagnosis.shared import SharedCause, SharedSearch, estimates
 from twin_daemon.diagnosis.thresholds import REFIT_ROLLOUTS, REFIT_ROUNDS, REFIT_STARTS, SETTLED
 from twin_daemon.effects.base import Effect
 from twin_daemon.errors import BadInput
@@ -18,8 +20,10 @@ from twin_daemon.estimation.posterior import Posterior, floor_and_corrections
 from twin_daemon.estimation.solvers.trust_region import Derivative, descend
 from twin_daemon.estimation.uncertainty import Estimate
 from twin_daemon.estimation.windows import segments
+from twin_daemon.executor import TimeLimit, concurrently
+from twin_daemon.places import ROBOT
 from twin_daemon.simulation.alignment import Aligned, moving_joints
-from twin_daemon.simulation.submodel import parts
+from twin_daemon.simulation.submodel import drive_groups, parts
 from twin_daemon.simulation.terms import EffectTerm
 from twin_daemon.simulation.twin import TwinModel
 
@@ -51,8 +55,11 @@ def refit_effect(
     Descends from the effect's own starts, or from `start` alone where the values are known first_fits.
 
     Damping, friction, armature, gain and delay move along under their priors, so that a friction that is 10 % off
-    does not bend the effect's values. Raises BadInput where nothing concerned moves.
+    does not bend the effect's values. At the whole robot there is one set of values for all servos. Raises BadInput
+    where nothing concerned moves.
     """
+    if ROBOT in targets:
+        return refit_shared(twin, recordings, effect, given, start=start)
     moving = set(moving_joints(recordings))
     reduction = Reduction(twin, recordings, ())
     terms: list[EffectTerm] = []
@@ -63,14 +70,11 @@ def refit_effect(
         joints = [n for n in twin.joints if n in members and n in moving]
         still = [t for t in own if t != "hand" and not set(twin.joints_of(t)) & moving]
         if still or not joints:
-            raise BadInput(
-                f"{', '.join(still or own)} does not move in these recordings: nothing to fit '{effect.key}' to",
-                todo="Record a motion of it, or add the effect with --set and without --recording",
-            )
+            raise _does_not_move(still or own, effect)
         small, pieces = _pieces(twin, reduction, recordings, joints, whole=own == ["hand"])
         hypotheses = [_hypothesis(small, effect, target, joints[0], start) for target in own]
         best = _fit(small, pieces, hypotheses, given, joints, guess=start is None)
-        parameters |= best.problem.settings(best.point)[0]
+        parameters |= best.moved
         for hypothesis in hypotheses:
             term, found = _read(best, hypothesis)
             terms.append(term)
@@ -79,6 +83,57 @@ def refit_effect(
         if value.at_bound:
             notes.append(f"{name} sits on the end of its range: the effect may be the wrong one")
     return Refit(tuple(terms), values, parameters, notes)
+
+
+def refit_shared(
+    twin: TwinModel,
+    recordings: Sequence[Aligned],
+    effect: Effect,
+    given: Mapping[str, float],
+    *,
+    start: Mapping[str, float] | None = None,
+) -> Refit:
+    """Fits one set of values for all servos of the robot to what moves, as the diagnosis does.
+
+    The model's own parameters of each group are then fitted beside it. Raises BadInput where nothing moves.
+    """
+    moving = set(moving_joints(recordings))
+    driven = [n for n in twin.joints_of(ROBOT) if n in moving]
+    if not driven:
+        raise _does_not_move([ROBOT], effect)
+    reduction, limit = Reduction(twin, recordings, ()), TimeLimit()
+    chosen = [(group, [n for n in driven if n in group.joints]) for group in drive_groups(twin)]
+    cut = [reduced for group, own in chosen if own and (reduced := reduction.of(twin, group, own)) is not None]
+    if not cut:
+        raise _touches_all_the_time(ROBOT)
+    looked_at = concurrently(lambda reduced: (reduced, PartFit(reduced.twin, reduced.train, reduced.joints)), cut)
+    cause = SharedCause(effect, ROBOT, given)
+    search = SharedSearch(twin, reduction, looked_at)
+    begun = search.begun(cause, limit) if start is None else search.at(cause, start)
+    if begun is None:
+        raise BadInput(f"'{effect.key}' cannot stand beside what the servos have", todo="Name servos with --joint")
+    found, slopes = search.settled(begun, limit) if cause.amplitudes else (begun, np.zeros((len(begun.rows), 0)))
+    beside = search.beside(cause, found.values)
+    return Refit(
+        (cause.term(found.values),),
+        {f"{cause.name}.{name}": one for name, one in estimates(cause, found.values, slopes).items()},
+        {name: value for _, part in beside for name, value in part.base.moved.items()},
+        [],
+    )
+
+
+def _does_not_move(places: Sequence[str], effect: Effect) -> BadInput:
+    return BadInput(
+        f"{', '.join(places)} does not move in these recordings: nothing to fit '{effect.key}' to",
+        todo="Record a motion of it, or add the effect with --set and without --recording",
+    )
+
+
+def _touches_all_the_time(name: str) -> BadInput:
+    return BadInput(
+        f"{name} touches something nearly all the time in these recordings: nothing to fit to",
+        todo="Record some seconds of motion clear of contacts",
+    )
 
 
 def refit_parameters(twin: TwinModel, recordings: Sequence[Aligned]) -> dict[str, float]:
@@ -92,7 +147,7 @@ def refit_parameters(twin: TwinModel, recordings: Sequence[Aligned]) -> dict[str
             reduced = reduction.of(twin, part, joints)
             if reduced is not None:
                 best = _fit(reduced.twin, reduced.train, [], {}, joints)
-                parameters |= best.problem.settings(best.point)[0]
+                parameters |= best.moved
     return parameters
 
 
@@ -112,10 +167,7 @@ def _pieces(
     part = next(p for p in parts(twin) if set(joints) <= set(p.joints))
     reduced = reduction.of(twin, part, joints)
     if reduced is None:
-        raise BadInput(
-            f"{part.name} touches something nearly all the time in these recordings: nothing to fit to",
-            todo="Record some seconds of motion clear of contacts",
-        )
+        raise _touches_all_the_time(part.name)
     return reduced.twin, reduced.train
 
 

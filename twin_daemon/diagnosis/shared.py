@@ -7,7 +7,7 @@ cost is a sum over groups, so that a cause of the whole robot costs some roll-ou
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -36,20 +36,22 @@ from twin_daemon.estimation.uncertainty import block_gain
 from twin_daemon.estimation.variables import Variable
 from twin_daemon.estimation.windows import spread
 from twin_daemon.executor import TimeLimit, concurrently
+from twin_daemon.places import HAND, ROBOT
 from twin_daemon.simulation.submodel import Part, linked
 from twin_daemon.simulation.terms import EffectTerm, Terms
 from twin_daemon.simulation.twin import TwinModel
 
-ROBOT = "robot"
-"""Place of a cause that is one for all servos."""
-
 
 @dataclass(frozen=True)
 class SharedCause:
-    """An effect with one set of values for several groups, at all servos, at a link that they carry, or at the base."""
+    """An effect with one set of values for several groups, at all servos, at a link that they carry, or at the base.
+
+    Values that are `given` stay as they are.
+    """
 
     effect: Effect
     target: str
+    given: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -59,19 +61,21 @@ class SharedCause:
     def amplitudes(self) -> tuple[str, ...]:
         """The parameters that are moved."""
         if self.effect.shared == "load":
-            return tuple(parameter.name for parameter in self.effect.parameters)
-        return self.effect.amplitudes or (self.effect.parameters[0].name,)
+            names = tuple(parameter.name for parameter in self.effect.parameters)
+        else:
+            names = self.effect.amplitudes or (self.effect.parameters[0].name,)
+        return tuple(name for name in names if name not in self.given)
 
     def terms(self, twin: TwinModel, values: Mapping[str, float]) -> Terms:
         """The twin's terms with this cause."""
-        terms, complete = twin.terms, _accepted(self.effect, values)
-        for target in twin.actuators if self.target == ROBOT else (self.target,):
-            terms = terms.with_effect(EffectTerm(effect=self.effect.key, target=target, values=complete))
-        return terms
+        return twin.terms.with_effect(self.term(values))
+
+    def term(self, values: Mapping[str, float]) -> EffectTerm:
+        return EffectTerm(effect=self.effect.key, target=self.target, values=_accepted(self.effect, values))
 
     def starts(self, twin: TwinModel, joints: Sequence[str]) -> tuple[dict[str, float], ...]:
         place = self.target if self.target in twin.joints else joints[0]
-        return tuple(_accepted(self.effect, s) for s in self.effect.starts(twin.scale(place)))
+        return tuple(_accepted(self.effect, {**s, **self.given}) for s in self.effect.starts(twin.scale(place)))
 
 
 @dataclass(frozen=True)
@@ -166,6 +170,15 @@ class SharedSearch:
                     continue
         return min(found, key=lambda one: one.cost) if found else None
 
+    def at(self, cause: SharedCause, values: Mapping[str, float]) -> _Begun:
+        """A cause at known values."""
+        accepted = _accepted(cause.effect, {**values, **cause.given})
+        return _Begun(cause, accepted, self._rows(cause, accepted))
+
+    def beside(self, cause: SharedCause, values: Mapping[str, float]) -> list[tuple[Reduced, PartFit]]:
+        """The groups with a cause in their models, and what is uncertain about them fitted beside it."""
+        return concurrently(lambda r: (r, PartFit(r.twin, r.train, r.joints)), self._changed(cause, values))
+
     def fitted(self, begun: _Begun, limit: TimeLimit) -> tuple[_Begun, np.ndarray]:
         """(where Gauss-Newton takes a cause, (m, q) slopes there)."""
         cause = begun.cause
@@ -187,23 +200,31 @@ class SharedSearch:
                 break
         return begun, slopes
 
+    def settled(self, begun: _Begun, limit: TimeLimit) -> tuple[_Begun, np.ndarray]:
+        """As `fitted`, and once more with what nuisances can do taken where that has come to."""
+        cause, found = begun.cause, self.fitted(begun, limit)[0]
+        beside = self.beside(cause, found.values)
+        there = SharedSearch(self._twin.changed(cause.terms(self._twin, found.values)), self._reduction, beside)
+        return there.fitted(there.at(cause, found.values), limit)
+
     def best(self, causes: Sequence[SharedCause], limit: TimeLimit, seed: int) -> Shared | None:
         """The cause that brings the groups back to the floor, on held-out motion too; None where none does."""
         begun = sorted((b for c in causes if (b := self.begun(c, limit)) is not None), key=lambda one: one.cost)
         fits = sorted((self.fitted(one, limit) for one in begun[:SHARED_FINALISTS]), key=lambda fit: fit[0].cost)
         if not fits:
             return None
-        found, slopes = fits[0]
+        best = fits[0][0]
+        found, slopes = self.settled(best, limit)
         cause, values = found.cause, found.values
-        looked_at = concurrently(lambda r: (r, PartFit(r.twin, r.train, r.joints)), self._changed(cause, values))
+        looked_at = self.beside(cause, values)
         if not all(part.within_floor for _, part in looked_at):
             return None
         judged = [self._judged(old, new, seed) for old, new in zip(self._above, looked_at, strict=True)]
         if not all(adequate for _, adequate in judged):
             return None
         before, after = (np.concatenate([squares[i] for squares, _ in judged]) for i in (0, 1))
-        others = [other for other, _ in fits if other is not found]
-        ties = tuple(o.cause.name for o in others if 0.5 * (o.cost - found.cost) < DECISIVE_NATS)
+        others = [other for other, _ in fits if other is not best]
+        ties = tuple(o.cause.name for o in others if 0.5 * (o.cost - best.cost) < DECISIVE_NATS)
         both = zip(self._above, looked_at, strict=True)
         evidence = 0.5 * sum(old.base.cost - new.base.cost for (_, old), (_, new) in both)
         joints = tuple(dict.fromkeys(joint for reduced, _ in self._above for joint in reduced.joints))
@@ -212,7 +233,9 @@ class SharedSearch:
             effect=cause.effect.key,
             target=cause.target,
             joints=joints,
-            parameters=_estimates(cause, values, slopes),
+            parameters=estimates(cause, values, slopes),
+            values=cause.term(values).values,
+            moved={name: value for _, part in looked_at for name, value in part.base.moved.items()},
             evidence_nats=evidence,
             holdout_mse_before_rad2=float(before.mean()),
             holdout_mse_after_rad2=float(after.mean()),
@@ -240,14 +263,14 @@ def shared_causes(twin: TwinModel, above: Sequence[tuple[Reduced, PartFit]], gro
     near = {twin.joints[index - 1] for index in next(group for group in carried if 0 in group) if index}
     places = {
         "servos": [ROBOT] if 2 * len(above) > groups else [],
-        "load": ["hand", *(j for j in twin.joints if j in near)],
+        "load": [HAND, *(j for j in twin.joints if j in near)],
     }
     return [
         SharedCause(effect, target)
         for effect in LIBRARY.values()
         if effect.shared
         for target in places[effect.shared]
-        if target == ROBOT or effect.applies(twin.place(target))
+        if effect.applies(twin.place(target))
     ]
 
 
@@ -280,7 +303,8 @@ def _along(cause: SharedCause, start: Mapping[str, float], amount: float) -> dic
     return _accepted(cause.effect, {**start, **moved})
 
 
-def _estimates(cause: SharedCause, values: Mapping[str, float], slopes: np.ndarray) -> dict[str, Estimate]:
+def estimates(cause: SharedCause, values: Mapping[str, float], slopes: np.ndarray) -> dict[str, Estimate]:
+    """The values by parameter with their intervals, from the slopes (m, q) of the rows by the amplitudes."""
     sigmas = np.sqrt(np.diag(np.linalg.pinv(slopes.T @ slopes)))
     found = {}
     for name, sigma in zip(cause.amplitudes, sigmas, strict=True):

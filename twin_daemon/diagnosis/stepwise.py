@@ -1,5 +1,7 @@
 """The ladder: diagnose, add the strongest finding, refit, and again, until nothing passes held-out validation.
 
+A cause that several groups of joints feel at once, such as a late bus, is looked for first, over the whole robot.
+
 The first effects explain most: each part of the hand is given its own, the strongest first, before any is looked at
 again. Where several parts have been given one, before a joint is given a second one, or once a further one would not
 even halve the error, the values of all that is there are fitted together, in free roll-outs: what a wrong value leaves
@@ -25,8 +27,9 @@ from twin_daemon.effects import LIBRARY
 from twin_daemon.errors import BadInput
 from twin_daemon.estimation.estimate import Estimate
 from twin_daemon.executor import TimeLimit
+from twin_daemon.places import HAND, ROBOT
 from twin_daemon.simulation.alignment import Aligned, moving_joints
-from twin_daemon.simulation.submodel import parts
+from twin_daemon.simulation.submodel import drive_groups, parts
 from twin_daemon.simulation.twin import TwinModel
 
 # What the whole hand is called when its parts differ: the first of these that any part is.
@@ -126,8 +129,9 @@ class _Stepwise:
         return not self.limit.over() or not self.ladder.added
 
     def begin(self) -> None:
-        """The first look, and what parameters alone would do."""
-        self._look(None)
+        """The first look, at what all parts feel alike before each of them, and what parameters alone would do."""
+        if not self._look_at_robot():
+            self._look(None)
         self._at_first = dict(self._parts)
         if not self.limit.over() and self.ladder.steps[0].verdict not in ("not_excited", "within_noise"):
             twin = self._first
@@ -144,9 +148,11 @@ class _Stepwise:
                 self._look(set(self._changed))
             return True
         self._say(f"adding {finding.effect} at {finding.target}")
-        twin, step = self._with(finding) or (None, None)
+        twin, step = self._with(finding, fitted=part == ROBOT) or (None, None)
         if twin is None or step is None:
             self.ladder.refused.append(finding.name)
+            if part == ROBOT:
+                self._look(None)
             return True
         joints = finding.joints
         errors = [mean_error(each, self._train, joints) for each in (self._first, self.ladder.twin, twin)]
@@ -161,7 +167,7 @@ class _Stepwise:
         self._parts[part] = _with_its_finding(self._parts[part])
         self._changed.add(part)
         self.ladder.steps.append(self._judged(step))
-        if finding.target == "hand":
+        if part == ROBOT or finding.target == HAND:
             self._look(None)
         return True
 
@@ -193,27 +199,42 @@ class _Stepwise:
 
     # -- diagnosis -----------------------------------------------------------------------------------------
 
+    def _look_at_robot(self) -> bool:
+        """Whether one cause explains all that several groups of joints leave; no part is then looked at before."""
+        moving = set(moving_joints(self._train))
+        if sum(bool(moving & set(group.joints)) for group in drive_groups(self._first)) < 2:
+            return False
+        found = self._diagnosed(None, most_effects=0)
+        if found.findings:
+            self._parts[ROBOT] = found
+            self.ladder.steps[-1] = self._judged(self.ladder.steps[-1])
+        return bool(found.findings)
+
+    def _diagnosed(self, joints: Sequence[str] | None, most_effects: int) -> Diagnosis:
+        found = diagnose(
+            self.ladder.twin,
+            self._train,
+            self._holdout,
+            joints=joints,
+            seed=self._seed,
+            stream=self._say,
+            most_effects=most_effects,
+            limit=self.limit,
+        )
+        if found.interrupted and not self.limit.over():
+            raise KeyboardInterrupt
+        return found
+
     def _look(self, only: Collection[str] | None) -> None:
         """Diagnoses some parts again, or all: what was found in one stays true while another one changes."""
-        twin, train = self.ladder.twin, self._train
-        moving = moving_joints(train)
+        twin, moving = self.ladder.twin, moving_joints(self._train)
         for part in parts(twin):
             own = [name for name in part.joints if name in moving]
             if own and (only is None or part.name in only) and not (self._parts and self.limit.over()):
-                found = diagnose(
-                    twin,
-                    train,
-                    self._holdout,
-                    joints=own,
-                    seed=self._seed,
-                    stream=self._say,
-                    most_effects=1,
-                    limit=self.limit,
-                )
-                self._parts[part.name] = found
+                self._parts[part.name] = self._diagnosed(own, most_effects=1)
                 self._changed.discard(part.name)
-                if found.interrupted and not self.limit.over():
-                    raise KeyboardInterrupt
+        if len(self._parts) > 1:
+            self._parts.pop(ROBOT, None)  # the parts say the same by now
         self._changed.clear()
         self.ladder.steps[-1] = self._judged(self.ladder.steps[-1])
 
@@ -232,16 +253,21 @@ class _Stepwise:
 
     # -- fits ----------------------------------------------------------------------------------------------
 
-    def _with(self, finding: Finding) -> tuple[TwinModel, Step] | None:
-        """The twin with a finding, refitted; None where it cannot stand beside the others or predicts worse."""
-        twin, effect = self.ladder.twin, LIBRARY[finding.effect]
-        start = effect.complete({name: p.value for name, p in finding.parameters.items()})
+    def _with(self, finding: Finding, *, fitted: bool) -> tuple[TwinModel, Step] | None:
+        """The twin with a finding, refitted to the end, or as it is `fitted`.
+
+        None where it cannot stand beside the others or predicts worse.
+        """
+        twin, term = self.ladder.twin, finding.term
+        parameters = finding.moved
         try:
-            refit = refit_effect(twin, self._train, effect, [finding.target], {}, start=start)
-            changed = twin.changed(twin.terms.with_effect(refit.terms[0]).with_parameters(refit.parameters))
+            if not fitted:
+                refit = refit_effect(twin, self._train, LIBRARY[term.effect], [term.target], {}, start=term.values)
+                term, parameters = refit.terms[0], refit.parameters
+            changed = twin.changed(twin.terms.with_effect(term).with_parameters(parameters))
         except BadInput:
             return None
-        values = {name: refit.terms[0].values[name] for name in finding.parameters}
+        values = {name: term.values[name] for name in finding.parameters}
         step = self._step(finding, values, changed)
         return (changed, step) if step.better_than(self.ladder.steps[-1]) else None
 

@@ -10,6 +10,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field, field_serializer
 
 from twin_daemon.estimation.estimate import Estimate, Number
+from twin_daemon.simulation.terms import EffectTerm
 
 VerdictName = Literal["explained", "ambiguous", "not_excited", "unexplained", "within_noise"]
 
@@ -27,7 +28,11 @@ class _Said(BaseModel):
 
 
 class Finding(_Said):
-    """One effect that the data ask for. Evidence is its gain over the model alone; errors are on held-out motion."""
+    """One effect that the data ask for. Evidence is its gain over the model alone; errors are on held-out motion.
+
+    `values` are all of the effect's, `parameters` those that were fitted with their intervals, and `moved` the model's
+    own parameters where they came to lie beside it: absolute, by name.
+    """
 
     effect: str
     target: str
@@ -44,6 +49,14 @@ class Finding(_Said):
     holdout_gain_ci95: tuple[Number, Number]
     confusable_with: tuple[str, ...]
     explanation: str
+    values: dict[str, float] = {}
+    moved: dict[str, float] = {}
+
+    @property
+    def term(self) -> EffectTerm:
+        """The effect at its place with its values."""
+        values = self.values or {name: one.value for name, one in self.parameters.items()}
+        return EffectTerm(effect=self.effect, target=self.target, values=values)
 
     @property
     def name(self) -> str:

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from twin_daemon.errors import BadInput, nearest
+from twin_daemon.places import HAND, ROBOT
 
 ActsOn = Literal["joint", "tendon", "actuator", "sensor", "hand"]
 StandsFor = Literal["damping", "frictionloss", "armature", "kp", "offset"]
@@ -182,7 +183,9 @@ class Effect(ABC):
     def applies(self, place: Place) -> bool:
         """Whether the effect can act at this place at all."""
         if self.acts_on == "hand":
-            return place.target == "hand"
+            return place.target == HAND
+        if place.target == ROBOT:
+            return self.acts_on == "actuator"
         if self.acts_on == "tendon":
             return place.tendon is not None and place.command == place.target
         if self.acts_on == "actuator":

@@ -8,6 +8,7 @@ import numpy as np
 
 from twin_daemon.effects import LIBRARY
 from twin_daemon.errors import BadInput, nearest
+from twin_daemon.places import HAND, ROBOT
 from twin_daemon.simulation.follow import follow
 from twin_daemon.simulation.terms import EffectTerm
 from twin_daemon.simulation.twin import TwinModel
@@ -50,7 +51,7 @@ def signature(twin: TwinModel, key: str, target: str) -> Signature:
             todo="Choose another place",
         )
     # what acts on the whole hand is looked at where the hand moves first
-    name = twin.actuators[0] if place.target == "hand" else place.target
+    name = twin.actuators[0] if place.target in (HAND, ROBOT) else place.target
     driver = twin.place(name).actuator
     if driver is None:
         raise BadInput(f"no motor moves {name}", todo="Choose another place")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -9,6 +10,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from twin_daemon.errors import BadInput
+from twin_daemon.places import ROBOT
 from twin_daemon.yaml_files import load_yaml
 
 
@@ -18,7 +20,7 @@ class EffectTerm(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     effect: str
-    target: str = Field(description="joint or command name as in the data, or 'hand'")
+    target: str = Field(description="joint or command name as in the data, 'hand', or 'robot': each servo alike")
     values: dict[str, float] = {}
 
 
@@ -35,6 +37,21 @@ class Terms(BaseModel):
         """These terms with one effect added; the same effect at the same place is replaced."""
         kept = tuple(t for t in self.effects if (t.effect, t.target) != (term.effect, term.target))
         return Terms(parameters=self.parameters, effects=(*kept, term))
+
+    def at_servos(self, servos: Sequence[str]) -> Terms:
+        """These terms with each effect of the whole robot written out: the same at every servo."""
+        if not any(term.target == ROBOT for term in self.effects):
+            return self
+        found = Terms(parameters=self.parameters)
+        for term in self.effects:
+            for target in servos if term.target == ROBOT else (term.target,):
+                found = found.with_effect(term.model_copy(update={"target": target}))
+        return found
+
+    def is_at_servos(self, term: EffectTerm, servos: Sequence[str]) -> bool:
+        """Whether each of several servos has this effect with the same values: one cause of the whole robot."""
+        alike = {t.target for t in self.effects if (t.effect, t.values) == (term.effect, term.values)}
+        return len(servos) > 1 and term.target in servos and set(servos) <= alike
 
     def without_effect(self, effect: str, targets: set[str]) -> Terms:
         """These terms with an effect removed at the given places."""

@@ -16,6 +16,7 @@ from twin_daemon.effects.mjcf_text import mjcf_text
 from twin_daemon.errors import BadInput, nearest
 from twin_daemon.hand.description import Hand
 from twin_daemon.hand.naming import match
+from twin_daemon.places import HAND, ROBOT
 from twin_daemon.simulation.parameters import KINDS, ParameterKind
 from twin_daemon.simulation.selfcontained import inline_meshes
 from twin_daemon.simulation.terms import EffectTerm, Terms
@@ -42,17 +43,18 @@ class TwinModel:
 
     `joints` are the joint names of the data that the model has, in the hand description's order; `qpos_adr`
     and `dof_adr` (j,) are where they live. `actuators` (nu,) is the command name of each actuator. `nominal`
-    is the MjSpec without terms, `base_model` the compiled one with parameters and without effects.
+    is the MjSpec without terms, `base_model` the compiled one with parameters and without effects. `terms` are those
+    given, with what is at the whole robot written out for each servo.
     """
 
     def __init__(self, hand: Hand, nominal: Any, terms: Terms) -> None:
         self.hand = hand
-        self.terms = terms
         self.nominal = nominal
         try:
             self._base = nominal.copy()
             self.base_model = self._base.compile()
             self._map_names()
+            self.terms = terms = terms.at_servos(self.actuators)
             if terms.parameters:
                 self._edit_parameters(terms.parameters)
                 self.base_model = self._base.compile()
@@ -136,14 +138,22 @@ class TwinModel:
         return tuple(tuple(self.joints[i] for i in np.flatnonzero(row)) for row in self.drive)
 
     def joints_of(self, target: str) -> tuple[str, ...]:
-        """The joints that a target stands for: itself, or what the command drives; none for the whole hand."""
+        """The joints that a target stands for: itself, what the command drives, or for the whole robot what any does.
+
+        None for an effect of the whole hand, which acts on its base.
+        """
+        if target == ROBOT:
+            return tuple(self.joints[i] for i in np.flatnonzero(self.drive.any(axis=0)))
         if target in self.joints:
             return (target,)
         return self.driven[self.actuators.index(target)] if target in self.actuators else ()
 
     def place(self, target: str) -> Place:
-        """Where an effect acts, from the name of a joint or of a command as in the data ('hand' for the whole)."""
-        if target == "hand":
+        """Where an effect acts, from the name of a joint or of a command as in the data.
+
+        'hand' is the whole, on its base, and 'robot' all its servos alike.
+        """
+        if target in (HAND, ROBOT):
             return Place(target=target)
         joint_name = match(target, self.joints)
         command = match(target, self.actuators)

@@ -1,0 +1,47 @@
+"""Three servos side by side, quick to roll out, and a late bus that all of them share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from tests.simulation.made import Motion, recorded, saved
+from twin_daemon.hand import load_hand
+from twin_daemon.simulation.terms import EffectTerm, Terms
+from twin_daemon.simulation.twin import TwinModel
+
+SERVOS = ("left", "middle", "right")
+DELAY_S = 0.03
+
+_LINK = """<body name="{0}_link" pos="0 {1} 0">
+<joint name="{0}" axis="0 0 1" range="-1.5 1.5" damping="0.05" armature="0.004" frictionloss="0.01"/>
+<geom type="capsule" fromto="0 0 0 0.2 0 0" size="0.02" mass="0.2" contype="0" conaffinity="0"/></body>"""
+_SERVO = '<position name="{0}" joint="{0}" kp="4" kv="0.15" ctrlrange="-1.5 1.5"/>'
+_TIMES_S = [0.0, 0.4, 0.41, 1.2, 2.2, 2.5, 2.51, 3.2, 3.8, 4.4, 4.41, 5.5]
+_SHARES = [0.0, 0.0, 0.6, 0.6, -0.5, -0.5, 0.1, 0.1, 0.3, 0.1, -0.3, -0.3]
+_MOTION: Motion = {
+    name: ([t + 0.1 * i for t in _TIMES_S], [(-1) ** i * share for share in _SHARES]) for i, name in enumerate(SERVOS)
+}
+
+
+def rig_model(folder: Path) -> Path:
+    """The MJCF of the rig."""
+    path = folder / "rig.xml"
+    links = "".join(_LINK.format(name, 0.5 * i) for i, name in enumerate(SERVOS))
+    servos = "".join(map(_SERVO.format, SERVOS))
+    path.write_text(
+        f'<mujoco model="rig"><compiler angle="radian"/><option timestep="0.002"/><worldbody>{links}</worldbody>'
+        f"<actuator>{servos}</actuator></mujoco>"
+    )
+    return path
+
+
+def late_rig(folder: Path) -> tuple[Path, Path]:
+    """(the rig's MJCF, a bag of it with a bus that is late for every servo)."""
+    model = rig_model(folder)
+    twin = TwinModel.load(load_hand(model=model))
+    late = EffectTerm(effect="command_delay", target="robot", values={"delay": DELAY_S})
+    plant = twin.changed(Terms(effects=(late,)))
+    made = recorded(plant, _MOTION, np.random.default_rng(4), seconds=6.0, noise_rad=1e-3)
+    return model, saved(made, folder / "late.mcap")

@@ -1,0 +1,81 @@
+"""A cause that is one for all servos: named once, and added, fitted, stepped to and removed as one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.diagnosis.conftest import called
+from tests.diagnosis.rig import DELAY_S, SERVOS, late_rig
+from twin_daemon.cli.app import main
+from twin_daemon.hand import load_hand
+from twin_daemon.places import ROBOT
+from twin_daemon.simulation.terms import EffectTerm, Terms
+from twin_daemon.simulation.twin import TwinModel
+
+
+@pytest.fixture(scope="module")
+def late(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
+    """(model, recording) of a rig whose commands all come late."""
+    model, bag = late_rig(tmp_path_factory.mktemp("rig"))
+    return str(model), str(bag)
+
+
+def _delays(terms: dict) -> dict[str, float]:
+    return {t["target"]: t["values"]["delay"] for t in terms["effects"] if t["effect"] == "command_delay"}
+
+
+def test_the_whole_robot_stands_for_each_of_its_servos(late: tuple[str, str]) -> None:
+    nominal = TwinModel.load(load_hand(model=Path(late[0])))
+    alone = EffectTerm(effect="command_delay", target="left", values={"delay": 0.5})
+    everywhere = EffectTerm(effect="command_delay", target=ROBOT, values={"delay": 0.01})
+    twin = nominal.changed(Terms(effects=(alone, everywhere)))
+    assert _delays(twin.terms.as_json()) == dict.fromkeys(SERVOS, 0.01)
+    assert twin.joints_of(ROBOT) == SERVOS
+    assert all(twin.terms.is_at_servos(term, twin.actuators) for term in twin.terms.effects)
+
+
+def test_an_effect_is_added_to_all_servos_and_removed_again(late: tuple[str, str], tmp_path: Path) -> None:
+    model = ("--model", late[0])
+    added = called(
+        "add", "command_delay", "--joint", "robot", "--set", "delay=0.02", *model, result=tmp_path / "a.json"
+    )
+    assert added["targets"] == ["robot"]
+    assert _delays(added["terms"]) == dict.fromkeys(SERVOS, 0.02)
+    removed = called(
+        "remove", "command_delay", "--joint", "robot", "--version", added["version"], *model, result=tmp_path / "r.json"
+    )
+    assert removed["terms"]["effects"] == []
+    assert main(["remove", "command_delay", "--joint", "robot", *model]) == 3
+
+
+def test_what_is_no_matter_of_servos_has_no_place_at_all_of_them(
+    late: tuple[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["add", "spring", "--joint", "robot", "--model", late[0]]) == 3
+    assert "not on 'robot'" in capsys.readouterr().err
+
+
+def test_one_value_is_fitted_for_all_servos(late: tuple[str, str], tmp_path: Path) -> None:
+    model, bag = late
+    added = called(
+        "add", "command_delay", "--joint", "robot", "--model", model, "--recording", bag, result=tmp_path / "a.json"
+    )
+    assert list(added["parameters"]) == ["command_delay:robot.delay"]
+    found = added["parameters"]["command_delay:robot.delay"]
+    assert found["ci95"][0] < DELAY_S < found["ci95"][1]
+    assert found["value"] == pytest.approx(DELAY_S, rel=0.05)
+    assert set(_delays(added["terms"]).values()) == {found["value"]}
+    assert added["holdout_after"]["mse_rad2"] < 0.05 * added["holdout_before"]["mse_rad2"]
+
+
+def test_a_cause_of_all_servos_is_the_first_step_of_the_ladder(late: tuple[str, str], tmp_path: Path) -> None:
+    model, bag = late
+    ladder = called("ladder", "--model", model, "--recording", bag, "--max-steps", "1", result=tmp_path / "l.json")
+    first = ladder["steps"][1]
+    assert (first["effect"], first["target"]) == ("command_delay", "robot")
+    assert first["parameters"]["delay"] == pytest.approx(DELAY_S, rel=0.05)
+    assert set(first["joints"]) == set(SERVOS)
+    assert first["verdict"] == "within_noise"
+    assert set(_delays(ladder["terms"])) == set(SERVOS)
