@@ -30,12 +30,13 @@ _WIDE = {"COLUMNS": "300", "TERM": "dumb", "NO_COLOR": "1"}  # lines as they are
 
 @dataclass
 class Job:
-    """One process. `lines` are what it said so far, `result` what it wrote in the end."""
+    """One process. `lines` are what it said so far, `result` what it wrote in the end, to `path`."""
 
     number: int
     kind: Kind
     about: dict[str, str]
     process: subprocess.Popen[str]
+    path: Path
     began_s: float
     lines: list[str] = field(default_factory=list)
     status: Status = "running"
@@ -75,7 +76,7 @@ class Jobs:
                 start_new_session=True,  # a Ctrl-C for the server ends it in order, by `close`
             )
             step_back(process.pid, _NICE)
-            job = Job(number, kind, about, process, time.time())
+            job = Job(number, kind, about, process, target, time.time())
             self._latest[kind] = self._running = job
             self._thread = threading.Thread(target=self._follow, args=(job, target), name="twin-job", daemon=True)
             self._thread.start()

@@ -66,7 +66,10 @@ class Learn:
         effect, place = str(body.get("effect", "")), self._place(body.get("joint"))
         if effect not in LIBRARY:
             raise BadInput(f"no effect '{effect:.60}'", todo=nearest(effect, list(LIBRARY)))
-        return self._begun("add", [effect, "--joint", place, *arguments], about | {"effect": effect, "joint": place})
+        taken = self._found(about, effect, place)
+        return self._begun(
+            "add", [effect, "--joint", place, *taken, *arguments], about | {"effect": effect, "joint": place}
+        )
 
     def _ladder(self, body: dict[str, Any]) -> dict[str, Any]:
         arguments, about = self._common(body)
@@ -86,7 +89,16 @@ class Learn:
         arguments = ["--recording", str(path), "--version", version, *self._data_options]
         if body.get("holdout"):
             arguments += ["--holdout", str(self._library.path(str(body["holdout"])))]
-        return arguments, {"recording": path.name, "recording_id": str(body["recording"]), "version": version}
+        about = {"recording": path.name, "recording_id": str(body["recording"]), "version": version}
+        return arguments, about | {"holdout": str(body.get("holdout") or "")}
+
+    def _found(self, about: dict[str, str], effect: str, place: str) -> list[str]:
+        """Options that take over what the last diagnosis of the same data and version found; none where it did not."""
+        job = self._jobs.latest("diagnose")
+        if job is None or job.result is None or job.about != about:
+            return []
+        names = [(one["effect"], one["target"]) for one in job.result["findings"]]
+        return ["--finding", f"{job.path}:{names.index((effect, place)) + 1}"] if (effect, place) in names else []
 
     def _place(self, name: object) -> str:
         """The twin's name of a joint, a command or the whole hand; what is none is never an option of a command."""
@@ -163,8 +175,9 @@ class Learn:
                 }
         except ValidationError as error:
             raise BadInput(f"what twin {job.kind} wrote cannot be read: {error.errors()[0]['msg']}") from None
-        errors = ("before", "after", "holdout_before", "holdout_after")
-        return {key: job.result.get(key) for key in ("version", "effect", "targets", "parameters", "notes", *errors)}
+        errors = ("before", "after", "holdout_before", "holdout_after", "holdout_joints_before", "holdout_joints_after")
+        about = ("version", "effect", "targets", "parameters", "notes", "finding")
+        return {key: job.result.get(key) for key in (*about, *errors)}
 
     def _experiment(self) -> dict[str, Any]:
         """The motion that the last diagnosis proposes, and how the twin would follow it. Nothing moves."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from twin_daemon.cli.app import main
 from twin_daemon.effects import LIBRARY
 from twin_daemon.hand import Hand
 from twin_daemon.signals.trajectory import load_trajectory
+from twin_daemon.versions import VersionStore
 
 
 @pytest.fixture(scope="session")
@@ -65,6 +67,43 @@ def test_it_says_where_the_model_fails(named: dict[str, Any]) -> None:
         "notes",
         "wall_s",
     } <= named.keys()
+
+
+@pytest.mark.slow
+def test_a_finding_is_taken_over_with_its_figures(
+    named: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One value, one interval and one figure by one name, in the diagnosis and in what is added of it."""
+    written, first = tmp_path / "named.json", named["findings"][0]
+    written.write_text(json.dumps(named))
+    added = called("add", "--finding", f"{written}:1", result=tmp_path / "a.json")
+    assert (added["effect"], added["targets"]) == (first["effect"], [first["target"]])
+    assert added["finding"] == first
+    assert added["holdout_before"]["mse_rad2"] == first["free_holdout_mse_before"]
+    assert added["holdout_after"]["mse_rad2"] == first["free_holdout_mse_after"]
+    assert added["holdout_joints_before"]["mse_rad2"] == first["free_holdout_joints_mse_before"]
+    assert added["holdout_joints_after"]["mse_rad2"] == first["free_holdout_joints_mse_after"]
+    assert first["free_holdout_mse_after"] < 0.1 * first["free_holdout_mse_before"]
+    assert added["terms"]["effects"][0]["values"] == first["values"]
+    assert added["terms"]["parameters"] == first["moved"]
+    value, taken = first["parameters"]["factor"], added["parameters"][f"sensor_gain:{JOINT}.factor"]
+    assert (taken["value"], taken["ci95"]) == (value["value"], value["ci95"])
+    stored = VersionStore("shadow_hand").get(added["version"])
+    assert stored.errors["holdout_after"]["mse_rad2"] == first["free_holdout_mse_after"]
+    said = capsys.readouterr().out
+    assert "in short pieces of its part" in said
+    assert "one free roll-out of the whole hand" in said
+
+    for argv, code, why in (
+        (["backlash", "--finding", str(written)], 3, f"the finding is sensor_gain at {JOINT}"),
+        (["--finding", f"{written}:2"], 3, "has no finding 2"),
+        (["--finding", str(written), "--version", added["version"]], 3, "diagnosis of another twin"),
+        (["--finding", str(written), "--recording", named["held_out_on"][0]["path"]], 3, "not the recordings"),
+        (["--finding", str(written), "--set", "factor=1.2"], 2, "exclude each other"),
+        (["backlash"], 2, "nothing to add"),
+    ):
+        assert main(["add", *argv]) == code, argv
+        assert why in capsys.readouterr().err
 
 
 def test_a_sound_hand_is_within_noise(sound: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -113,6 +113,14 @@ def test_the_story(workbench: Any, processes: Twin, browser: Browser, worn: Path
     version = tab.until(mark("added"), 200.0)
     start, end = tab.until("document.querySelector('#added .js-plotly-plot').data[1].y")  # on held-out motion
     assert end < 0.01 * start
+    added = served.ask("/api/job?kind=add")[1]["result"]
+    found = added["finding"]  # taken over as the diagnosis has it, so that both say the same of it
+    assert found["free_holdout_mse_before"] == added["holdout_before"]["mse_rad2"]
+    assert found["free_holdout_mse_after"] == added["holdout_after"]["mse_rad2"]
+    assert added["parameters"]["viscous_friction:rh_FFJ3.damping"]["ci95"] == found["parameters"]["damping"]["ci95"]
+    for page in (said, tab.run(shown("added"))):
+        assert "one free roll-out of the whole hand" in page
+        assert "in short pieces of its part" in page
     tab.run("document.getElementById('added').scrollIntoView()")
     picture(tab, "added")
     tab.click("#added button")

@@ -11,11 +11,12 @@ import typer
 from twin_daemon.cli import options
 from twin_daemon.cli.calibrate import say_stored
 from twin_daemon.cli.console import emit_json, people, plain_text
-from twin_daemon.cli.diagnose import train_and_held
+from twin_daemon.cli.diagnose import show_free_errors, train_and_held
 from twin_daemon.cli.effects import nearest_effect
 from twin_daemon.cli.session import Session, open_session, require_folder
 from twin_daemon.cli.tables import slim_table
-from twin_daemon.errors import BadInput
+from twin_daemon.cli.take_over import read_finding
+from twin_daemon.errors import BadInput, UsageError
 from twin_daemon.places import ROBOT
 
 if TYPE_CHECKING:
@@ -27,11 +28,15 @@ if TYPE_CHECKING:
     from twin_daemon.versions import Draft
 
 Key = Annotated[str, typer.Argument(metavar="EFFECT", help="A key of the library: twin effects lists them.")]
+OptionalKey = Annotated[
+    str | None, typer.Argument(metavar="EFFECT", help="A key of the library: twin effects lists them.")
+]
 
 
 def command(
-    effect: Key,
-    joint: options.JointNames,
+    effect: OptionalKey = None,
+    joint: options.OptionalJointNames = None,
+    finding: options.FindingRef = None,
     set: options.Settings = None,
     recording: options.OptionalRecordings = None,
     holdout: options.Holdouts = None,
@@ -48,9 +53,23 @@ def command(
     It becomes a candidate version.
     With recordings the effect's values are fitted, the model's uncertain parameters beside them under priors; what
     --set gives stays as given. Without recordings the values are those of --set, and typical ones for the rest.
+    With --finding nothing is fitted: EFFECT, joint, values, intervals and recordings are those of the diagnosis.
     """
     require_folder(json)
+    taken = read_finding(finding) if finding is not None else None
+    if taken is not None:
+        if set:
+            raise UsageError("--finding and --set exclude each other", todo="A finding has its values")
+        version = version if version is not None or terms is not None else taken.version
     session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)
+    if taken is not None:
+        taken.agree(effect, joint, session)
+        effect, joint = taken.finding.effect, [taken.finding.target]
+        recording, holdout = taken.recordings(recording), taken.holdouts(holdout)
+    if effect is None or not joint:
+        raise UsageError(
+            "nothing to add", todo="Give EFFECT and --joint J..., or --finding FILE of twin diagnose --json FILE"
+        )
     kind = known_effect(effect)
     given = options.settings(set)
     start = kind.complete(given)
@@ -59,7 +78,16 @@ def command(
     changed = _changed(session.twin, added)
     fitted: dict[str, Estimate] = {}
     train, held, notes = data_of(session, recording, holdout, trajectory)
-    if train and any(p.name not in given and not p.held for p in kind.parameters):
+    joints = session.twin.joints_of_all(targets)
+    if taken is not None:
+        from twin_daemon.diagnosis.free_rollout import with_finding
+
+        taken.verify([r.recording.sha256 for r in train], [r.recording.sha256 for r in held] if holdout else None)
+        found, joints = taken.finding, taken.finding.joints
+        changed = with_finding(session.twin, found)
+        fitted = {f"{found.name}.{name}": one for name, one in found.parameters.items()}
+        notes.append(f"taken over from {taken.path.name}: nothing was fitted anew")
+    elif train and any(p.name not in given and not p.held for p in kind.parameters):
         from twin_daemon.diagnosis.refit import refit_effect
 
         refit = refit_effect(session.twin, train, kind, targets, given)
@@ -69,7 +97,8 @@ def command(
     payload = {
         "effect": effect,
         "targets": targets,
-        **errors(session.twin, changed, train, held),
+        **errors(session.twin, changed, train, held, joints),
+        **({"finding": taken.finding.model_dump(by_alias=True)} if taken is not None else {}),
         "parameters": {
             name: {"value": v.value, "unit": v.unit, "ci95": list(v.ci95), "at_bound": v.at_bound}
             for name, v in fitted.items()
@@ -152,16 +181,19 @@ def data_of(
 
 
 def errors(
-    before: TwinModel, after: TwinModel, train: Sequence[Aligned], held: Sequence[Aligned]
+    before: TwinModel, after: TwinModel, train: Sequence[Aligned], held: Sequence[Aligned], joints: Sequence[str]
 ) -> dict[str, dict[str, float | None]]:
-    """Errors of the twin before and after a change, as the contract spells them."""
-    from twin_daemon.diagnosis.stepwise import mean_error
+    """Errors of the twin before and after a change: free roll-outs of the whole hand, and of some of its joints."""
+    from twin_daemon.diagnosis.free_rollout import free_errors, mean_error
 
+    held_before, held_after = (free_errors(twin, held, joints) for twin in (before, after))
     return {
         "before": {"mse_rad2": mean_error(before, train)},
         "after": {"mse_rad2": mean_error(after, train)},
-        "holdout_before": {"mse_rad2": mean_error(before, held)},
-        "holdout_after": {"mse_rad2": mean_error(after, held)},
+        "holdout_before": {"mse_rad2": held_before[0]},
+        "holdout_after": {"mse_rad2": held_after[0]},
+        "holdout_joints_before": {"mse_rad2": held_before[1]},
+        "holdout_joints_after": {"mse_rad2": held_after[1]},
     }
 
 
@@ -208,10 +240,14 @@ def show_change(title: str, payload: Mapping[str, Any], json: str | None) -> Non
                 plain_text(name), f"{p['value']:.4g}{mark}", f"{p['ci95'][0]:.3g} .. {p['ci95'][1]:.3g}", p["unit"]
             )
         console.print(table)
-    for label, name in (("recorded", ""), ("held out", "holdout_")):
-        before, after = (payload[f"{name}{when}"]["mse_rad2"] for when in ("before", "after"))
-        if before is not None and after is not None:
-            console.print(f"{label}: {before:.4g} -> [bold]{after:.4g} rad²[/]")
+    before, after = (payload[when]["mse_rad2"] for when in ("before", "after"))
+    if before is not None and after is not None:
+        console.print(f"  recorded, one free roll-out of the whole hand: {before:.4g} -> [bold]{after:.4g} rad²[/]")
+    if (found := payload.get("finding")) is not None:
+        pieces = (found[f"holdout_mse_{when}"] for when in ("before", "after"))
+        console.print("  held out, in short pieces of its part: {:.4g} -> {:.4g} rad²".format(*pieces))
+    held = ("holdout_before", "holdout_after", "holdout_joints_before", "holdout_joints_after")
+    show_free_errors(console, *(payload[name]["mse_rad2"] for name in held))
     for note in payload["notes"]:
         console.print(f"note: {plain_text(note)}")
     say_stored(console, payload)

@@ -11,7 +11,7 @@ from twin_daemon.cli import options
 from twin_daemon.cli.console import emit_json, people, plain_text, progress_console
 from twin_daemon.cli.session import Session, open_session, require_folder
 from twin_daemon.cli.tables import slim_table
-from twin_daemon.diagnosis.verdict import IN_WORDS
+from twin_daemon.diagnosis.verdict import IN_WORDS, RecordingRead
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -67,9 +67,11 @@ def judged(
     seed: int,
 ) -> tuple[dict[str, Any], Diagnosis]:
     """(what the command writes, the same as values), with the next experiment where the data cannot decide."""
+    from twin_daemon.diagnosis.free_rollout import with_free_errors
+
     chosen = joint_names(session.twin, joints)
     began = time.perf_counter()
-    train = list(recorded)
+    train, held = list(recorded), []
     short = [r.recording.name for r in train if r.time_s[-1] < LEAST_S]
     notes: list[str] = []
     if short:
@@ -87,9 +89,23 @@ def judged(
 
         proposed = next_experiment(session.twin, train, found, state_dir() / "experiments", chosen)
         found = found.model_copy(update={"next_experiment": proposed})
-    about = {"hand": session.hand.name, "version": session.version, "seed": seed}
+    found = with_free_errors(session.twin, held, found)
+    about = {
+        "hand": session.hand.name,
+        "version": session.version,
+        "seed": seed,
+        "terms": session.twin.terms,
+        "fitted_on": read_from(recorded),
+        "held_out_on": read_from(held) if holdout else (),
+    }
     found = found.model_copy(update={"notes": (*notes, *found.notes), **about})
     return {**found.model_dump(by_alias=True), "wall_s": time.perf_counter() - began}, found
+
+
+def read_from(recordings: Sequence[Aligned]) -> tuple[RecordingRead, ...]:
+    """Where recordings came from, each once."""
+    files = [r.recording for r in recordings]
+    return tuple(RecordingRead(path=str(r.path.absolute()), name=r.name, sha256=r.sha256) for r in files)
 
 
 def joint_names(twin: TwinModel, given: Sequence[str] | None) -> list[str] | None:
@@ -189,12 +205,31 @@ def show_finding(console: Console, finding: Finding) -> None:
         unit = "" if p.unit == "1" else f" {p.unit}"
         console.print(f"  {name} = {p.value:.4g}{unit} (95 %: {p.ci95[0]:.4g} to {p.ci95[1]:.4g})")
     console.print(
-        f"  held out: {finding.holdout_mse_before_rad2:.3g} -> {finding.holdout_mse_after_rad2:.3g} rad², "
-        f"gain {finding.holdout_gain:.0%} (95 %: {low:.0%} to {high:.0%}); evidence {finding.evidence_nats:.0f} nats"
+        f"  held out, in short pieces of its part: {finding.holdout_mse_before_rad2:.3g} -> "
+        f"{finding.holdout_mse_after_rad2:.3g} rad², gain {finding.holdout_gain:.0%} "
+        f"(95 %: {low:.0%} to {high:.0%}); evidence {finding.evidence_nats:.0f} nats"
+    )
+    show_free_errors(
+        console,
+        finding.free_holdout_mse_before_rad2,
+        finding.free_holdout_mse_after_rad2,
+        finding.free_holdout_joints_mse_before_rad2,
+        finding.free_holdout_joints_mse_after_rad2,
     )
     if finding.confusable_with:
         console.print(f"  not told apart from: {plain_text(', '.join(finding.confusable_with))}")
     console.print(f"  {plain_text(finding.explanation)}")
+
+
+def show_free_errors(
+    console: Console, before: float | None, after: float | None, own_before: float | None, own_after: float | None
+) -> None:
+    """The held-out errors (rad^2) of a free roll-out, of the whole hand and of an effect's joints."""
+    if before is None or after is None:
+        return
+    console.print(f"  held out, one free roll-out of the whole hand: {before:.4g} -> [bold]{after:.4g} rad²[/]")
+    if own_before is not None and own_after is not None:
+        console.print(f"  the same over its joints: {own_before:.4g} -> {own_after:.4g} rad²")
 
 
 def _show_where(console: Console, found: Diagnosis) -> None:
@@ -225,7 +260,10 @@ def _how_to_go_on(found: Diagnosis) -> list[str]:
         lines.append(f"  {found.next_experiment.why}")
     if found.findings and found.verdict != "ambiguous":
         first = found.findings[0]
-        lines.append(f"Add it: twin add {first.effect} --joint {first.target} --recording R... (twin ladder adds all)")
+        lines.append(
+            f"Add it: twin add {first.effect} --joint {first.target} --recording R... fits it, "
+            "twin add --finding FILE.json takes this over from --json FILE.json (twin ladder adds all)"
+        )
     if found.verdict == "unexplained":
         lines.append("Look at the joints and conditions above: the cause is none that 'twin effects' lists.")
     return lines

@@ -58,6 +58,18 @@ JointNames = Annotated[
     list[str],
     typer.Option("--joint", metavar="J...", help="Joints that the effect acts on."),
 ]
+OptionalJointNames = Annotated[
+    list[str] | None,
+    typer.Option("--joint", metavar="J...", help="Joints that the effect acts on."),
+]
+FindingRef = Annotated[
+    str | None,
+    typer.Option(
+        "--finding",
+        metavar="FILE[:N]",
+        help="Take over the Nth finding of a diagnosis (twin diagnose --json FILE) instead of fitting anew.",
+    ),
+]
 Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="name=value...", help="Values of the effect's parameters; the others are fitted."),

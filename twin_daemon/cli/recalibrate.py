@@ -119,7 +119,7 @@ def _promised(session: Session) -> float | None:
 def _payload(
     session: Session, found: Recalibration, held: list[Aligned], notes: list[str], seed: int
 ) -> dict[str, Any]:
-    from twin_daemon.diagnosis.stepwise import mean_error
+    from twin_daemon.diagnosis.free_rollout import mean_error
 
     decision, fitted = found.decision, found.calibration
     return {

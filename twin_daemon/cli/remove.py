@@ -48,7 +48,7 @@ def command(
     payload = {
         "effect": effect,
         "targets": targets,
-        **errors(session.twin, changed, train, held),
+        **errors(session.twin, changed, train, held, session.twin.joints_of_all(targets)),
         "terms": changed.terms.as_json(),
         "parent": session.version,
         "notes": notes,

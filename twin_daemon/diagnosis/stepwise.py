@@ -18,7 +18,8 @@ import numpy as np
 
 from twin_daemon.calibration.calibrate import Calibration, calibrate
 from twin_daemon.calibration.spaces import load_space
-from twin_daemon.comparison.compare import compare_recording, mean_over_moving, pooled, raw_command_error
+from twin_daemon.comparison.compare import raw_command_error
+from twin_daemon.diagnosis.free_rollout import mean_error, with_finding
 from twin_daemon.diagnosis.refit import refit_effect, refit_parameters
 from twin_daemon.diagnosis.search import diagnose
 from twin_daemon.diagnosis.thresholds import MOST_OF_IT, REFINEMENT
@@ -259,12 +260,13 @@ class _Stepwise:
         None where it cannot stand beside the others or predicts worse.
         """
         twin, term = self.ladder.twin, finding.term
-        parameters = finding.moved
         try:
-            if not fitted:
+            if fitted:
+                changed = with_finding(twin, finding)
+            else:
                 refit = refit_effect(twin, self._train, LIBRARY[term.effect], [term.target], {}, start=term.values)
-                term, parameters = refit.terms[0], refit.parameters
-            changed = twin.changed(twin.terms.with_effect(term).with_parameters(parameters))
+                term = refit.terms[0]
+                changed = twin.changed(twin.terms.with_effect(term).with_parameters(refit.parameters))
         except BadInput:
             return None
         values = {name: term.values[name] for name in finding.parameters}
@@ -329,11 +331,3 @@ def _with_its_finding(part: Diagnosis) -> Diagnosis:
 
 def _finite(value: float | None) -> float | None:
     return value if value is not None and np.isfinite(value) else None
-
-
-def mean_error(twin: TwinModel, recordings: Sequence[Aligned], joints: Sequence[str] = ()) -> float | None:
-    """Mean squared error (rad^2) of the twin over the joints that move, or over some of them; None for no data."""
-    if not recordings:
-        return None
-    found = pooled([compare_recording(twin, r) for r in recordings])
-    return mean_over_moving(found, joints) if joints else mean_over_moving(found)

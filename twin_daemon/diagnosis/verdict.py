@@ -5,12 +5,12 @@ Numbers that nobody knows are NaN here and null in JSON.
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_serializer
 
 from twin_daemon.estimation.estimate import Estimate, Number
-from twin_daemon.simulation.terms import EffectTerm
+from twin_daemon.simulation.terms import EffectTerm, Terms
 
 VerdictName = Literal["explained", "ambiguous", "not_excited", "unexplained", "within_noise"]
 
@@ -27,9 +27,17 @@ class _Said(BaseModel):
     model_config = ConfigDict(frozen=True, extra="ignore", populate_by_name=True)
 
 
+def _short_named(name: str) -> Any:
+    """A field without its unit in JSON, as the others of a finding; None where it is unknown."""
+    return Field(default=None, validation_alias=name, serialization_alias=name)
+
+
 class Finding(_Said):
     """One effect that the data ask for. Evidence is its gain over the model alone; errors are on held-out motion.
 
+    `holdout_mse_*` are in short pieces of its part, by which it is validated; `free_holdout_mse_*` of one free roll-out
+    of the whole hand, and `free_holdout_joints_mse_*` of that over its joints: what `twin add` reports when it takes
+    the finding over.
     `values` are all of the effect's, `parameters` those that were fitted with their intervals, and `moved` the model's
     own parameters where they came to lie beside it: absolute, by name.
     """
@@ -51,6 +59,10 @@ class Finding(_Said):
     explanation: str
     values: dict[str, float] = {}
     moved: dict[str, float] = {}
+    free_holdout_mse_before_rad2: float | None = _short_named("free_holdout_mse_before")
+    free_holdout_mse_after_rad2: float | None = _short_named("free_holdout_mse_after")
+    free_holdout_joints_mse_before_rad2: float | None = _short_named("free_holdout_joints_mse_before")
+    free_holdout_joints_mse_after_rad2: float | None = _short_named("free_holdout_joints_mse_after")
 
     @property
     def term(self) -> EffectTerm:
@@ -118,8 +130,20 @@ class Experiment(_Said):
     why: str
 
 
+class RecordingRead(_Said):
+    """A recording by where it was, its name and its bytes."""
+
+    path: str
+    name: str
+    sha256: str
+
+
 class Diagnosis(_Said):
-    """The whole answer. `hand`, `version` and `seed` are those of the command that wrote it."""
+    """The whole answer. `hand`, `version` and `seed` are those of the command that wrote it.
+
+    `terms` are those of the twin that was diagnosed, `fitted_on` and `held_out_on` the recordings; the latter is empty
+    where stretches of the former were held out.
+    """
 
     format: Literal[1] = Field(default=1, validation_alias="schema", exclude=True)
     verdict: VerdictName
@@ -135,6 +159,9 @@ class Diagnosis(_Said):
     hand: str | None = None
     version: str | None = None
     seed: int | None = None
+    terms: Terms | None = None
+    fitted_on: tuple[RecordingRead, ...] = ()
+    held_out_on: tuple[RecordingRead, ...] = ()
 
     @classmethod
     def without_findings(cls, verdict: VerdictName, reason: str) -> Diagnosis:

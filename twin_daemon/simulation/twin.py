@@ -148,6 +148,10 @@ class TwinModel:
             return (target,)
         return self.driven[self.actuators.index(target)] if target in self.actuators else ()
 
+    def joints_of_all(self, targets: Sequence[str]) -> tuple[str, ...]:
+        """The joints that several targets stand for, each once."""
+        return tuple(dict.fromkeys(joint for target in targets for joint in self.joints_of(target)))
+
     def place(self, target: str) -> Place:
         """Where an effect acts, from the name of a joint or of a command as in the data.
 

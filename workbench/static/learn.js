@@ -123,13 +123,16 @@ const ended = {
     }
   },
   async add(result) {
-    const chart = made("div"), { before, after, holdout_before: heldBefore, holdout_after: heldAfter } = result;
+    const chart = made("div"), { before, after, holdout_before: heldBefore, holdout_after: heldAfter } = result, found = result.finding;
     const change = (from, to) => (from.mse_rad2 === null || to.mse_rad2 === null ? "not judged"
       : `${number(from.mse_rad2)} → ${number(to.mse_rad2)} rad² (${milli(Math.sqrt(from.mse_rad2))} → ${milli(Math.sqrt(to.mse_rad2))} mrad)`);
     const worse = heldAfter.mse_rad2 !== null && heldAfter.mse_rad2 >= heldBefore.mse_rad2;
     element("added").replaceChildren(
       made("h3", {}, `${result.effect} at ${result.targets.join(", ")}`),
-      made("ul", {}, made("li", {}, `Fitted motion: ${change(before, after)}`), made("li", {}, `Held-out motion: ${change(heldBefore, heldAfter)}`),
+      made("ul", {}, made("li", {}, `Fitted motion, one free roll-out of the whole hand: ${change(before, after)}`),
+        made("li", {}, `Held-out motion, one free roll-out of the whole hand: ${change(heldBefore, heldAfter)}`),
+        ...(result.holdout_joints_after.mse_rad2 === null ? [] : [made("li", {}, `The same over its joints: ${change(result.holdout_joints_before, result.holdout_joints_after)}`)]),
+        ...(found ? [made("li", {}, `Held-out motion, in short pieces of its part: ${change({ mse_rad2: found.holdout_mse_before }, { mse_rad2: found.holdout_mse_after })}`)] : []),
         ...Object.entries(result.parameters).map(([name, one]) => made("li", {}, `${name} = ${number(one.value, 4)} ${one.unit} (95 %: ${number(one.ci95[0])} to ${number(one.ci95[1])})${one.at_bound ? ", on its bound" : ""}`)),
         ...(result.notes ?? []).map((note) => made("li", { className: "soft" }, note))),
       made("p", {}, made("strong", {}, worse ? "Not better on motion it has not seen: do not promote it. " : "Better on motion it has not seen. "),
