@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.diagnosis.findings import finding
 from twin_daemon.diagnosis.experiment_design import FAMILY, expected_difference, motion, next_experiment
-from twin_daemon.diagnosis.verdict import Diagnosis, Finding
+from twin_daemon.diagnosis.verdict import Diagnosis
 from twin_daemon.estimation.estimate import Estimate
 from twin_daemon.hand import Hand
 from twin_daemon.recordings import load_recording
@@ -37,20 +38,9 @@ def _terms(effect: str, **values: float) -> Terms:
 
 
 def _play_or_offset(target: str, joints: tuple[str, ...]) -> Diagnosis:
-    finding = Finding(
-        effect="backlash",
-        target=target,
-        joints=joints,
-        parameters={"gap": Estimate(value=0.05, unit="rad", ci95=(0.04, 0.06))},
-        evidence_nats=50.0,
-        holdout_mse_before_rad2=2e-6,
-        holdout_mse_after_rad2=1e-6,
-        holdout_gain=0.5,
-        holdout_gain_ci95=(0.2, 0.7),
-        confusable_with=("sensor_offset:rh_FFJ3",),
-        explanation="",
-    )
-    return Diagnosis(verdict="ambiguous", reason="two", findings=(finding,), tried=(), where=(), parts={})
+    gap = Estimate(value=0.05, unit="rad", ci95=(0.04, 0.06))
+    found = finding("backlash", target, joints, "sensor_offset:rh_FFJ3", gap=gap)
+    return Diagnosis(verdict="ambiguous", reason="two", findings=(found,), tried=(), where=(), parts={})
 
 
 def test_candidates_that_are_the_same_cannot_be_separated(twin: TwinModel, hand: Hand) -> None:

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from twin_daemon.cli.app import main
 from twin_daemon.errors import BadInput
 from twin_daemon.gate.audit import AuditLog, entries_of, verify
 
@@ -79,6 +80,26 @@ def test_a_line_of_rubbish_is_noticed(tmp_path: Path) -> None:
     assert [broken.line for broken in verify(path).broken] == [3]
     with pytest.raises(BadInput, match="audit verify"):
         AuditLog(path)
+
+
+def test_a_log_that_ends_in_no_entry_is_not_gone_on_with(tmp_path: Path) -> None:
+    path = tmp_path / "audit.jsonl"
+    path.write_text('{"verb": "move"}\n')
+    with pytest.raises(BadInput, match="the last line of the audit log is no entry") as refused:
+        AuditLog(path)
+    assert "move the file away" in str(refused.value.todo)
+
+
+def test_an_empty_log_is_whole_and_begun(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "audit.jsonl"
+    path.touch()
+    assert main(["audit", "verify", str(path)]) == 0
+    assert capsys.readouterr().out == "the audit log is empty, and whole\n"
+    assert main(["audit", "show", str(path)]) == 0
+    assert capsys.readouterr().out == ""
+    written(path, 1)
+    assert main(["audit", "verify", str(path)]) == 0
+    assert capsys.readouterr().out.startswith("1 entry, whole;")
 
 
 def test_a_full_disk_costs_the_entry_and_not_the_chain(tmp_path: Path) -> None:

@@ -10,9 +10,10 @@ from typing import Any
 
 import pytest
 
+from tests.diagnosis.findings import finding
 from tests.simulation.made import worn_finger
 from twin_daemon.cli.app import main
-from twin_daemon.diagnosis.verdict import Diagnosis, Experiment, Finding, MovedParameter, PartSummary, Trial
+from twin_daemon.diagnosis.verdict import Diagnosis, Experiment, MovedParameter, PartSummary, Trial
 from twin_daemon.estimation.estimate import Estimate
 from twin_daemon.hand import load_hand
 from twin_daemon.jsonable import plain
@@ -32,19 +33,8 @@ def bag(twin: TwinModel, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def diagnosis() -> dict[str, Any]:
     """An ambiguous diagnosis as `twin diagnose` writes it."""
-    finding = Finding(
-        effect="viscous_friction",
-        target="rh_FFJ3",
-        joints=("rh_FFJ3",),
-        parameters={"damping": Estimate(value=0.6, unit="N m s/rad", ci95=(0.55, 0.65))},
-        evidence_nats=4321.0,
-        holdout_mse_before_rad2=1e-3,
-        holdout_mse_after_rad2=2e-5,
-        holdout_gain=0.98,
-        holdout_gain_ci95=(0.97, 0.99),
-        confusable_with=("command_delay:rh_FFJ3",),
-        explanation="The joint resists in proportion to its speed.",
-    )
+    damping = Estimate(value=0.6, unit="N m s/rad", ci95=(0.55, 0.65))
+    found = finding("viscous_friction", "rh_FFJ3", ("rh_FFJ3",), "command_delay:rh_FFJ3", damping=damping)
     trial = Trial(
         effect="backlash", target="rh_FFJ3", evidence_nats=12.0, fit_mse_rad2=9e-4, holdout_mse_rad2=None,
         lost_because="explains less: 4309 nats behind viscous_friction:rh_FFJ3",
@@ -57,10 +47,10 @@ def diagnosis() -> dict[str, Any]:
         why="steps on rh_FFJ3: there the predictions differ by 20 mrad rms",
     )
     part = PartSummary(joints=("rh_FFJ3",), times_floor=120.0, left_times_floor=0.8, within_floor=False)
-    found = Diagnosis(
+    whole = Diagnosis(
         verdict="ambiguous",
         reason="viscous_friction at rh_FFJ3 cannot be told from command_delay:rh_FFJ3",
-        findings=(finding,),
+        findings=(found,),
         tried=(trial,),
         where=(),
         parts={"FF": part},
@@ -70,7 +60,7 @@ def diagnosis() -> dict[str, Any]:
         hand="shadow_hand",
         seed=7,
     )
-    return plain({"schema": 1, **found.model_dump(by_alias=True)})
+    return plain({"schema": 1, **whole.model_dump(by_alias=True)})
 
 
 @pytest.fixture

@@ -176,6 +176,7 @@ def test_a_diagnosis_can_be_made_at_once(twin: TwinModel, tmp_path: Path) -> Non
     motion = {"rh_FFJ3": ([0.0, 1.0, 2.0], [0.1, 0.6, 0.1])}
     bag = saved(recorded(twin, motion, np.random.default_rng(0), seconds=2.0), tmp_path / "short.mcap")
     page, result = report(tmp_path, "--recording", str(bag), "--diagnose", "--seed", "5")
+    assert "over the joint that moves (23 are still)" in page.words
     assert "diagnosis" in result["sections"]
     assert "Not excited" in page.words
     assert "shorter than 3 s" in page.words

@@ -15,6 +15,8 @@ from twin_daemon.hand import load_hand
 from twin_daemon.simulation.twin import TwinModel
 from twin_daemon.versions import Draft, Version, VersionStore
 
+Capture = pytest.CaptureFixture[str]
+
 
 @pytest.fixture
 def versions(state_dir: Path, draft: Callable[..., Draft], mjcf: str) -> list[Version]:
@@ -100,16 +102,24 @@ def test_a_worse_version_is_promoted_by_force_and_with_a_reason_alone(
     assert "for the bench" in answer(capsys, "show")["notes"][0]["text"]
 
 
+@pytest.fixture
+def added(draft: Callable[..., Draft], mjcf: str) -> Callable[..., Version]:
+    """Adds a version to those of the hand."""
+    return lambda damping, **more: VersionStore("shadow_hand").add(draft(damping, hand="shadow_hand", **more), mjcf)
+
+
+@pytest.fixture
+def columns(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
+    """Makes the terminal so wide."""
+    return lambda count: monkeypatch.setenv("COLUMNS", str(count))
+
+
 def test_the_list_fits_a_narrow_terminal(
-    versions: list[Version],
-    draft: Callable[..., Draft],
-    mjcf: str,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    versions: list[Version], added: Callable[..., Version], capsys: Capture, columns: Callable[[int], None]
 ) -> None:
-    monkeypatch.setenv("COLUMNS", "80")
+    columns(80)
     title = "ladder: " + ", ".join(f"stribeck_friction at rh_{finger}J3" for finger in ("FF", "MF", "RF", "LF", "TH"))
-    VersionStore("shadow_hand").add(draft(0.9, hand="shadow_hand", title=title), mjcf)
+    added(0.9, title=title)
     listed = len(answer(capsys, "list")["versions"])
     assert main(["versions", "list"]) == 0
     lines = capsys.readouterr().out.splitlines()
@@ -170,15 +180,10 @@ def test_the_store_is_kept_from_the_command_line(
 
 
 def test_the_tree_shows_who_came_from_whom(
-    versions: list[Version],
-    draft: Callable[..., Draft],
-    mjcf: str,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    versions: list[Version], added: Callable[..., Version], capsys: Capture, columns: Callable[[int], None]
 ) -> None:
-    monkeypatch.setenv("COLUMNS", "200")
-    store = VersionStore("shadow_hand")
-    child = store.add(draft(0.7, hand="shadow_hand", parent=versions[0].id), mjcf)
+    columns(200)
+    child = added(0.7, parent=versions[0].id)
     assert main(["versions", "list", "--tree"]) == 0
     lines = capsys.readouterr().out.splitlines()
     where = {v.id: next(line.index(v.short_id) for line in lines if v.short_id in line) for v in (*versions, child)}

@@ -16,12 +16,24 @@ from twin_daemon.cli.run import Endpoint, Namespace, load_named
 from twin_daemon.errors import Refused, UsageError
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from twin_daemon.cli.commanding import Desk
+    from twin_daemon.hand import HandDescription
 
 app = Group("Commands to the real hand, through a gate that checks them. It is no certified stop.")
 
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Try it on the twin only, and say what would happen.")]
 _OPERATOR = "operator"
+
+
+def _at(
+    hand: str | None, model: Path | None, namespace: str | None, endpoint: str | None
+) -> tuple[HandDescription, str]:
+    """(the hand's description, where its router listens)."""
+    from bridges.session import choose_endpoint
+
+    return load_named(hand, model, namespace).description, choose_endpoint(endpoint)
 
 
 @app.command("arm")
@@ -114,12 +126,11 @@ def stop(
     Says after a second whether the hand still moves. Ends with 4 where it does, or where no gate proves to be stopped.
     """
     from bridges.commander import who_stops
-    from bridges.session import choose_endpoint, open_client
+    from bridges.session import open_client
     from bridges.stopping import OWN_STOP, in_words, is_safe
     from twin_daemon.errors import NoAnswer
 
-    address = choose_endpoint(endpoint)
-    description = load_named(hand, model, namespace).description
+    description, address = _at(hand, model, namespace, endpoint)
     session = open_client(address, 5.0)
     if session is None:
         raise NoAnswer(f"nothing answered at {address}: NOT stopped", todo=OWN_STOP)
@@ -146,10 +157,9 @@ def cancel(
     """Cancel a motion that the twin is about to begin by itself, or has begun. Anybody may do it."""
     from bridges.client import connect
     from bridges.commander import cancel_automatic
-    from bridges.session import choose_endpoint
 
-    description = load_named(hand, model, namespace).description
-    with connect(choose_endpoint(endpoint), 5.0) as session:
+    description, address = _at(hand, model, namespace, endpoint)
+    with connect(address, 5.0) as session:
         answer = cancel_automatic(session, description, reason or "twin command cancel")
     _tell(answer, json, str(answer["why"]))
 
@@ -180,10 +190,9 @@ def status(
 ) -> None:
     """Who has armed the hand, for how long, and what moves."""
     from bridges.client import ask_once
-    from bridges.session import choose_endpoint
 
-    description = load_named(hand, model, namespace).description
-    found = ask_once(choose_endpoint(endpoint), description.key("command", verb="status"))
+    description, address = _at(hand, model, namespace, endpoint)
+    found = ask_once(address, description.key("command", verb="status"))
     if json != "-":
         for key, value in found.items():
             people().print(f"{key}: {plain_text('-' if value is None else value)}")

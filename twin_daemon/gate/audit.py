@@ -84,7 +84,7 @@ class AuditLog:
             number = int(json.loads(line)["number"])
         except (ValueError, KeyError, TypeError):
             raise BadInput(
-                "the last line of the audit log is none",
+                "the last line of the audit log is no entry",
                 where=self._path,
                 todo="Look with 'twin audit verify'; move the file away to begin a new one",
             ) from None

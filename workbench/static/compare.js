@@ -1,7 +1,7 @@
 // The compare view: one recording, one or two versions, charts that share cursor and zoom.
 import { refresh } from "./choices.js";
 import { CONFIG, look, show as figure, themed } from "./figures.js";
-import { dark, element, made, milli, number, read, row, say, works } from "./page.js";
+import { attempt, dark, element, made, milli, number, read, row, say, works } from "./page.js";
 
 const LEFT = 64, RIGHT = 16, SHOWN = 4, AGAIN_MS = 400;
 const COLOURS = { measured: "#1b1f24", twins: ["#d9480f", "#0b7285"], residual: ["#1971c2", "#c2255c"], command: "#868e96" };
@@ -14,9 +14,9 @@ const query = (more) => new URLSearchParams([["recording", element("recording").
 
 export function start() {
   element("recording").addEventListener("change", () => { element("onset").value = ""; });
-  for (const id of ["recording", "version-a", "version-b", "onset"]) element(id).addEventListener("change", () => open().catch((error) => say(error.message)));
-  element("lag").addEventListener("change", () => window_().catch(failed));
-  element("state-joint").addEventListener("change", () => state().catch((error) => say(error.message)));
+  for (const id of ["recording", "version-a", "version-b", "onset"]) element(id).addEventListener("change", () => attempt(open));
+  element("lag").addEventListener("change", () => attempt(window_));
+  element("state-joint").addEventListener("change", () => attempt(state));
   works(element("again"), refresh);
   element("joined").addEventListener("keydown", keys);
   element("joined").addEventListener("pointermove", pointed);

@@ -1,7 +1,7 @@
 // The history view: the tree of versions, what differs, parameters over time, promote and roll back.
 import { known, named } from "./choices.js";
 import { show as figure } from "./figures.js";
-import { element, made, needsAllowance, number, post, read, row, say, works } from "./page.js";
+import { attempt, element, made, needsAllowance, number, post, read, row, say, works } from "./page.js";
 
 export function start() {
   needsAllowance(element("rollback"));
@@ -14,7 +14,7 @@ export function start() {
     const words = (await read(`/api/versions/diff?${new URLSearchParams({ before: element("diff-before").value, after: element("diff-after").value })}`)).words;
     element("differences").replaceChildren(...(words.length ? words : ["Nothing differs in the terms."]).map((line) => made("li", {}, line)));
   });
-  element("parameter").addEventListener("change", () => parameter().catch((error) => say(error.message)));
+  element("parameter").addEventListener("change", () => attempt(parameter));
   addEventListener("versions-listed", list);
 }
 

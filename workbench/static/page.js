@@ -58,15 +58,21 @@ export async function post(path, body = {}) {
   return (await answered(path, { method: "POST", headers, body: JSON.stringify(body) })).json();
 }
 
+// Does what was asked for and says what went wrong; an error of before is not one of what has gone well since.
+export async function attempt(action) {
+  const before = said;
+  try {
+    await action();
+    if (said === before) element("said").hidden = true;
+  } catch (error) { say(error.message); }
+}
+
 // A button that works until its answer is there, and says what went wrong.
 export function works(button, action) {
   button.addEventListener("click", async () => {
     button.disabled = true;
-    const before = said;
-    try {
-      await action();
-      if (said === before) element("said").hidden = true; // an error of before is not one of what has gone well since
-    } catch (error) { say(error.message); } finally { button.disabled = false; }
+    await attempt(action);
+    button.disabled = false;
   });
 }
 
