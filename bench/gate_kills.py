@@ -162,6 +162,7 @@ def latency(times: int = 500) -> tuple[list[float], dict[str, float]]:
                 scene.session, load_hand().description, load_keyring(Path(folder) / "keys.json"), "operator"
             )
             while not commander.ask("arm", reason="bench", lease_s=600.0)["accepted"]:
+                commander.ask("disarm")  # the lease of one who died while nothing moved would hold on
                 time.sleep(0.1)
             assert commander.ask("move", targets={"rh_FFJ3": 0.5})["accepted"]
             while commander.ask("beat")["gate"]["moving"]:

@@ -8,6 +8,7 @@ It is software on a computer that can fail: no certified stop, and no substitute
 from __future__ import annotations
 
 import contextlib
+import itertools
 import secrets
 import threading
 from collections.abc import Callable, Mapping
@@ -104,6 +105,7 @@ class Gate:
         self.names_source: Callable[[str], str] = repr
         self._sent_s = self._first_sent_s = -np.inf
         self._sent_row = np.full(len(self.limits.names), np.nan)
+        self._named: tuple[bytes, tuple[str, ...]] = b"", ()
         self._is_last = False  # whether the hand's last command was the gate's
         self._letting_go: LetGo | None = None
         self._doubt, self._doubt_s = "", -np.inf
@@ -362,9 +364,14 @@ class Gate:
         self._senses.told(row)
         if self._first_sent_s < 0.0:
             self._first_sent_s = now_s
-        names = tuple(name for name, known in zip(self.limits.names, given, strict=True) if known)
+        names = self._names_of(given)
         self._own.sent(self._stamp_ns, names, row[given], now_s)
         return make_sendable(self._number, self._stamp_ns, names, row[given])
+
+    def _names_of(self, given: np.ndarray) -> tuple[str, ...]:
+        if self._named[0] != (which := given.tobytes()):
+            self._named = which, tuple(itertools.compress(self.limits.names, given))
+        return self._named[1]
 
     def _end(self, trip: Trip, now_s: float, tell: bool = True) -> None:
         """The lease and the motion end; the turns that follow bring the setpoints to rest."""
@@ -462,7 +469,7 @@ class Gate:
         return self._senses.start(self._shaper.position)
 
     def _seen_turn(self, now_s: float, since_s: float) -> Turn:
-        lease = self._lease
+        lease, arrival_s = self._lease, self._senses.arrivals_s()
         return Turn(
             now_s=now_s,
             since_last_turn_s=since_s,
@@ -472,8 +479,8 @@ class Gate:
             names=self.limits.names,
             setpoint=self._shaper.position,
             measured=self._senses.by_command(),
-            arrival_s=self._senses.arrivals_s(),
-            age_s=self._senses.ages_s(now_s),
+            arrival_s=arrival_s,
+            age_s=now_s - arrival_s,
             effort=self._senses.effort,
             doubts=self._senses.doubts(now_s),
         )

@@ -22,11 +22,16 @@ class Path:
 
     def add(self, setpoint: np.ndarray, measured: np.ndarray) -> None:
         fresh = np.isnan(self._sent)
-        self._sent, self._read = np.where(fresh, setpoint, self._sent), np.where(fresh, measured, self._read)
-        self._low, self._high = np.fmin(self._low, setpoint), np.fmax(self._high, setpoint)
-        sent, read = setpoint - self._sent, measured - self._read
-        went = np.sign(sent) * read
-        self._proven |= (np.abs(sent) >= _PROOF_RAD) & (went >= _PROOF_RAD) & (went <= 2.0 * np.abs(sent))
+        if fresh.any():
+            self._sent[fresh], self._read[fresh] = setpoint[fresh], measured[fresh]
+        np.fmin(self._low, setpoint, out=self._low)
+        np.fmax(self._high, setpoint, out=self._high)
+        sent = setpoint - self._sent
+        way = np.abs(sent)
+        far = way >= _PROOF_RAD
+        if far.any():
+            went = np.sign(sent) * (measured - self._read)
+            self._proven |= far & (went >= _PROOF_RAD) & (went <= 2.0 * way)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Least and greatest setpoints that the readings may call for."""

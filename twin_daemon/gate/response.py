@@ -40,11 +40,8 @@ class Response:
         self._expected: np.ndarray | None = None
         self._should = self._did = np.zeros(len(self._names))
         self._odd_s = np.full((2, len(self._names)), np.nan)  # frozen, wrong way: arrival of the first such measurement
-
-    @property
-    def off(self) -> bool:
+        self.off = False
         """Whether a command is odd at the moment."""
-        return bool(np.isfinite(self._odd_s).any())
 
     def sent(self, now_s: float, expected: np.ndarray) -> None:
         """Where the twin is from now on; NaN for commands that are not driven."""
@@ -61,7 +58,12 @@ class Response:
             self._past.popleft()
         _, expected, before = self._past[0]
         self._should, self._did = self._expected - expected, measured - before
-        odd = np.stack([self._odd(self._least)[0], self._odd(_SHOULD_RAD)[1]])
+        odd = self._odd(self._least, _SHOULD_RAD)
+        was_off, self.off = self.off, odd is not None and bool(odd.any())
+        if not self.off or odd is None:
+            if was_off:
+                self._odd_s[:] = np.nan
+            return None
         self._odd_s = np.where(odd, np.where(np.isfinite(self._odd_s), self._odd_s, arrival_s), np.nan)
         late = odd & (arrival_s - self._odd_s >= self._time_s)
         if not late.any():
@@ -73,9 +75,9 @@ class Response:
         """What may be the cause where a command is not where it should be."""
         i = self._names.index(command)
         should, did = self._should[i], self._did[i]
-        kinds = np.flatnonzero(self._odd(_AGAINST_RAD)[:, i])
-        if kinds.size:
-            return self._told(int(kinds[0]), i)
+        odd = self._odd(_AGAINST_RAD, _AGAINST_RAD)
+        if odd is not None and odd[:, i].any():
+            return self._told(int(odd[:, i].argmax()), i)
         if np.sign(should) * did > _TOO_FAR * abs(should) + _SHOULD_RAD:
             why = (
                 f"it has moved by {did:+.2f} rad, and should have moved by {should:+.2f} rad: is its driver's unit rad?"
@@ -83,12 +85,17 @@ class Response:
             return Odd("too_far", why)
         return None
 
-    def _odd(self, least_rad: np.ndarray | float) -> np.ndarray:
-        """(2, c) bool: which commands stand still, which go the other way, where the twin has moved by so much."""
-        moves = np.abs(self._should) >= least_rad
-        still = np.abs(self._did) <= self._blur
-        against = np.sign(self._should) * self._did <= -_AGAINST_RAD - self._blur
-        return np.stack([moves & still, moves & against])
+    def _odd(self, still_rad: np.ndarray | float, against_rad: float) -> np.ndarray | None:
+        """(2, c) bool: which commands stand still, which go the other way, where the twin has moved by so much; None
+        where it has not moved."""
+        way = np.abs(self._should)
+        moves = way >= against_rad
+        if not moves.any():  # `still_rad` is never less
+            return None
+        odd = np.empty((2, len(self._names)), dtype=bool)
+        np.logical_and(way >= still_rad, np.abs(self._did) <= self._blur, out=odd[0])
+        np.logical_and(moves, np.sign(self._should) * self._did <= -_AGAINST_RAD - self._blur, out=odd[1])
+        return odd
 
     def _told(self, kind: int, i: int) -> Odd:
         name, should = self._names[i], f"and should have moved by {self._should[i]:+.2f} rad"

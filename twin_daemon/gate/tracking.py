@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
-
 import numpy as np
 
 from twin_daemon.errors import BadInput, nearest
@@ -37,39 +35,35 @@ class Tracking:
         floor = [settings.tracking_floor_rad if one.floor_rad is None else one.floor_rad for one in limits]
         self.floor = np.array(floor) + self.blur
         self.time_s = np.array([settings.tracking_time_s if one.time_s is None else one.time_s for one in limits])
-        self._past: deque[tuple[float, np.ndarray, np.ndarray]] = deque()
+        self._past = _Past(len(self.names))
         self.forget()
 
     def forget(self) -> None:
         """A new motion begins at rest."""
         self._past.clear()
+        self.off = False
+        """Whether any command is off at the moment."""
         self._off_s = np.full(len(self.names), np.nan)  # arrival of the first measurement that was off
         self._away = np.zeros(len(self.names))
         self._allowed = np.zeros(len(self.names))
 
-    @property
-    def off(self) -> bool:
-        """Whether any command is off at the moment."""
-        return bool(np.isfinite(self._off_s).any())
-
     def sent(self, now_s: float, setpoint: np.ndarray, expected: np.ndarray) -> None:
         """The setpoints in force from now on, and where the twin is."""
-        self._past.append((now_s, setpoint, np.abs(setpoint - expected)))
-        while self._past[0][0] < now_s - 4.0 * _MEMORY_S:
-            self._past.popleft()
+        self._past.append(now_s, setpoint, np.abs(setpoint - expected))
 
     def look(self, measured: np.ndarray, arrival_s: np.ndarray) -> tuple[str, str] | None:
         """The command that has been off for too long, if one has, and what a trip says of it."""
-        if not self._past:
+        if not len(self._past):
             return None
-        heard_s = float(arrival_s.max())
-        before = [entry for entry in self._past if entry[0] <= heard_s] or [self._past[0]]
-        setpoint = before[-1][1]
-        lags = np.array([lag for at_s, _, lag in self._past if at_s >= heard_s - _MEMORY_S])
-        lag = np.fmax.reduce(lags, axis=0, initial=0.0)
+        setpoint, lag = self._past.at(float(arrival_s.max()))
         self._allowed = np.minimum(self._ratio * lag + self.floor, self._most_rad)
         self._away = np.abs(setpoint - measured)
         off = self._away > self._allowed
+        was_off, self.off = self.off, bool(off.any())
+        if not self.off:
+            if was_off:
+                self._off_s[:] = np.nan
+            return None
         self._off_s = np.where(off, np.where(np.isfinite(self._off_s), self._off_s, arrival_s), np.nan)
         late = off & (arrival_s - self._off_s >= self.time_s)
         if not late.any():
@@ -80,6 +74,41 @@ class Tracking:
             f"{self.names[i]} is {self._away[i]:.2f} rad from where it was sent, for {off_s:.2f} s; its twin says "
             f"{self._allowed[i]:.2f} rad at most"
         )
+
+
+class _Past:
+    """Setpoints and lags (c,) of the last moments, in arrays that are moved now and then: every turn looks at them."""
+
+    def __init__(self, count: int) -> None:
+        self._at_s = np.empty(512)
+        self._rows = np.empty((2, 512, count))  # setpoints, lags
+        self._end = 0
+
+    def __len__(self) -> int:
+        return self._end
+
+    def clear(self) -> None:
+        self._end = 0
+
+    def append(self, now_s: float, setpoint: np.ndarray, lag: np.ndarray) -> None:
+        if self._end == len(self._at_s):
+            first = int(np.searchsorted(self._at_s, now_s - 4.0 * _MEMORY_S))
+            at_s, rows = self._at_s[first:].copy(), self._rows[:, first:].copy()
+            if 2 * len(at_s) > self._end:  # a gate that turns faster
+                self._at_s = np.empty(2 * self._end)
+                self._rows = np.empty((2, 2 * self._end, rows.shape[2]))
+            self._end = len(at_s)
+            self._at_s[: self._end], self._rows[:, : self._end] = at_s, rows
+        self._at_s[self._end] = now_s
+        self._rows[0, self._end], self._rows[1, self._end] = setpoint, lag
+        self._end += 1
+
+    def at(self, heard_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """The setpoint in force at that time, or the first one, and the greatest lag from a little before on."""
+        known = self._at_s[: self._end]
+        setpoint = self._rows[0, max(int(known.searchsorted(heard_s, "right")) - 1, 0)]
+        since = int(known.searchsorted(heard_s - _MEMORY_S))
+        return setpoint, np.fmax.reduce(self._rows[1, since : self._end], axis=0, initial=0.0)
 
 
 def _command(hand: Hand, name: str) -> str:
