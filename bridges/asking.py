@@ -9,11 +9,23 @@ from typing import Any
 import zenoh
 
 Proves = Callable[[bytes, bytes | None], bool]
+URGENT: dict[str, Any] = {
+    "congestion_control": zenoh.CongestionControl.BLOCK,
+    "priority": zenoh.Priority.REAL_TIME,
+    "express": True,
+}
+"""How a stop goes: it is not dropped on a link that is full, and passes what waits there."""
 UNPROVED = "nobody who can prove it is the gate has answered"
 
 
 def ask_everybody(
-    session: zenoh.Session, key: str, payload: bytes, proof: bytes | None, timeout_s: float, proves: Proves | None
+    session: zenoh.Session,
+    key: str,
+    payload: bytes,
+    proof: bytes | None,
+    timeout_s: float,
+    proves: Proves | None,
+    urgent: bool = False,
 ) -> dict[str, Any] | None:
     """The JSON object of the first reply that `proves` holds for, with `proved`; else the first one that came; None
     where nobody answered. Without `proves` the first reply is as good as any.
@@ -28,6 +40,7 @@ def ask_everybody(
         timeout=timeout_s,
         target=zenoh.QueryTarget.ALL,
         consolidation=zenoh.ConsolidationMode.NONE,
+        **(URGENT if urgent else {}),
     )
     for reply in replies:
         if reply.ok is None:

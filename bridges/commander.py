@@ -124,7 +124,9 @@ class Commander:
         while True:
             left_s = max(deadline_s - time.monotonic(), 0.05)
             anonymous = self._signer.anonymous
-            told = ask_everybody(self._session, key, payload, proof, left_s, None if anonymous else proves)
+            told = ask_everybody(
+                self._session, key, payload, proof, left_s, None if anonymous else proves, verb == "stop"
+            )
             if told is not None:
                 return told if anonymous else believed(told)
             if time.monotonic() >= deadline_s:

@@ -13,7 +13,7 @@ from typing import Any
 
 import zenoh
 
-from bridges.asking import Proves
+from bridges.asking import URGENT, Proves
 from bridges.connection import Connection
 from bridges.inbox import Inbox
 from bridges.sources import Speaker
@@ -134,6 +134,7 @@ class ZenohLink:
         payload: bytes | None,
         proof: bytes | None,
         proves: Proves | None,
+        urgent: bool = False,
     ) -> None:
         """Asks all who serve the key, once, so that nothing is ever commanded twice. `then` gets the bytes of the first
         answer that `proves` holds for, and True; else of the first that came.
@@ -168,6 +169,7 @@ class ZenohLink:
             attachment=proof,
             target=zenoh.QueryTarget.ALL,
             consolidation=zenoh.ConsolidationMode.NONE,
+            **(URGENT if urgent else {}),
         )
 
     def _answer(self, number: int, payload: bytes | None, proved: bool = False) -> None:

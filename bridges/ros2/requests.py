@@ -66,7 +66,9 @@ class Requests:
         def proves(content: bytes, attachment: bytes | None) -> bool:
             return signer.proves(verb, payload, content, attachment)
 
-        self._link.ask_gate(key, timeout_s, heard, payload, proof, None if signer.anonymous else proves)
+        self._link.ask_gate(
+            key, timeout_s, heard, payload, proof, None if signer.anonymous else proves, urgent=verb == "stop"
+        )
 
     def ask(
         self, verb: str, body: dict[str, Any], then: Answered = lambda _: None, stamp_ns: int | None = None
