@@ -12,7 +12,6 @@ import itertools
 import secrets
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -30,7 +29,7 @@ from twin_daemon.gate.checks import (
     first_refusal,
     identity_proved,
 )
-from twin_daemon.gate.expected import Expected
+from twin_daemon.gate.foresight import Foresight
 from twin_daemon.gate.identity import Who
 from twin_daemon.gate.latch import Latch
 from twin_daemon.gate.lease import Lease, Sequences
@@ -39,8 +38,6 @@ from twin_daemon.gate.limits import limits_of
 from twin_daemon.gate.motion import Motion, commands_of, row_of
 from twin_daemon.gate.movement import Movement
 from twin_daemon.gate.own import OwnCommands
-from twin_daemon.gate.planning import Planner
-from twin_daemon.gate.preview import Preview
 from twin_daemon.gate.requests import Follow, Move, Request
 from twin_daemon.gate.sendable import Sendable, make_sendable
 from twin_daemon.gate.senses import Senses
@@ -54,15 +51,6 @@ _STREAM_S = 1.0  # targets closer than this are one stream
 _RESEND_S = 0.2  # a target that is held is said again: one message may be lost
 _DOUBT_S = 2.0  # after the last sign of it
 _GRACE_S = 0.5  # for another source to notice that it is no longer the only one
-
-
-@dataclass(frozen=True)
-class Foresight:
-    """A model's geometry ahead of the hand, its motion beside the hand, and the planner."""
-
-    preview: Preview
-    planner: Planner
-    expected: Expected
 
 
 class Gate:
@@ -118,9 +106,7 @@ class Gate:
 
     def foresight(self, twin: TwinModel) -> Foresight:
         """What this gate looks ahead and rehearses with, of another model of the hand. Takes some milliseconds."""
-        ahead = Preview(twin, self.settings.collision_depth_m)
-        expected = Expected(twin, self.limits, self._dt_s)
-        return Foresight(ahead, Planner(twin, self.limits, self.settings), expected)
+        return Foresight.of(twin, self.limits, self.settings)
 
     def use(self, foresight: Foresight) -> None:
         """Looks ahead and rehearses with this from now on."""
