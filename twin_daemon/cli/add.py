@@ -15,7 +15,7 @@ from twin_daemon.cli.diagnose import show_free_errors, train_and_held
 from twin_daemon.cli.effects import nearest_effect
 from twin_daemon.cli.session import Session, open_session, require_folder
 from twin_daemon.cli.tables import slim_table
-from twin_daemon.cli.take_over import read_finding
+from twin_daemon.cli.take_over import Taken, read_finding
 from twin_daemon.errors import BadInput, UsageError
 from twin_daemon.places import ROBOT
 
@@ -63,15 +63,31 @@ def command(
         version = version if version is not None or terms is not None else taken.version
     session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)
     if taken is not None:
-        taken.agree(effect, joint, session)
-        effect, joint = taken.finding.effect, [taken.finding.target]
-        recording, holdout = taken.recordings(recording), taken.holdouts(holdout)
+        effect, joint, recording, holdout = taken.wanted(effect, joint, recording, holdout, session)
     if effect is None or not joint:
         raise UsageError(
             "nothing to add", todo="Give EFFECT and --joint J..., or --finding FILE of twin diagnose --json FILE"
         )
+    payload = added_to(
+        session, effect, joint, options.settings(set), recording, holdout, trajectory=trajectory, taken=taken
+    )
+    show_change(f"{effect} added at {', '.join(payload['targets'])}", payload, json)
+    emit_json(json, payload)
+
+
+def added_to(
+    session: Session,
+    effect: str,
+    joint: Sequence[str],
+    given: Mapping[str, float],
+    recording: Sequence[Path] | None,
+    holdout: Sequence[Path] | None,
+    *,
+    trajectory: str | None,
+    taken: Taken | None = None,
+) -> dict[str, Any]:
+    """What the command writes of an effect that is fitted, or `taken` over; the version is stored."""
     kind = known_effect(effect)
-    given = options.settings(set)
     start = kind.complete(given)
     targets = effect_targets(session.twin, kind, joint)
     added = [_term(effect, target, start) for target in targets]
@@ -109,8 +125,7 @@ def command(
     stored = session.store.propose(draft, changed.mjcf())
     payload["version"], payload["candidate"] = stored.version.id, stored.candidate
     payload["parent"], payload["notes"] = session.version, notes
-    show_change(f"{effect} added at {', '.join(targets)}", payload, json)
-    emit_json(json, payload)
+    return payload
 
 
 def known_effect(key: str) -> Effect:

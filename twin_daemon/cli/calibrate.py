@@ -62,19 +62,38 @@ def command(
     With --run the hand itself is driven along a trajectory, through the gate, and what it does is recorded first.
     Ctrl-C keeps the best so far. Without --holdout every third stretch of time of the recordings is held out.
     """
+    from twin_daemon.calibration.spaces import load_space
+
+    require_folder(json)
+    if not recording and run is None:
+        raise UsageError("nothing to fit", todo="Give --recording R..., or --run NAME to drive the hand")
+    load_space(space or "physical")  # before the hand is driven for it
+    session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)
+    driven = [] if run is None else [drive(run, hand, model, namespace, endpoint, name)]
+    train = session.recordings([*(recording or []), *driven], trajectory)
+    held = session.recordings(holdout or [], trajectory)
+    payload, result = calibrated(session, train, held, search, space or "physical", budget, seed, cluster)
+    _show(payload, result, json)
+    emit_json(json, payload)
+
+
+def calibrated(
+    session: Session,
+    train: list[Aligned],
+    held: list[Aligned],
+    search: str,
+    space: str,
+    budget: int | None,
+    seed: int,
+    cluster: str | None = None,
+) -> tuple[dict[str, Any], Calibration]:
+    """(what the command writes, the same as values); the version is stored."""
     from twin_daemon.calibration.calibrate import calibrate
     from twin_daemon.calibration.spaces import load_space
     from twin_daemon.comparison.split import hold_out
     from twin_daemon.executor import on_cluster
 
-    require_folder(json)
-    if not recording and run is None:
-        raise UsageError("nothing to fit", todo="Give --recording R..., or --run NAME to drive the hand")
-    chosen = load_space(space or "physical")
-    session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)
-    driven = [] if run is None else [drive(run, hand, model, namespace, endpoint, name)]
-    train = session.recordings([*(recording or []), *driven], trajectory)
-    held = session.recordings(holdout or [], trajectory)
+    chosen = load_space(space)
     notes = warn_before_fit(session, train)
     if not held:
         train, held = hold_out(train)
@@ -82,9 +101,7 @@ def command(
     with on_cluster(cluster), progress_bar(f"{search} over '{chosen.name}'", budget) as report:
         result = calibrate(session.twin, train, held, chosen, search, budget=budget, seed=seed, progress=report)
     stored = _store(session, result, train, held, chosen.name, search, budget, seed)
-    payload = _payload(result, stored, notes, chosen.name, search, seed)
-    _show(payload, result, json)
-    emit_json(json, payload)
+    return _payload(result, stored, notes, chosen.name, search, seed), result
 
 
 class progress_bar:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from twin_daemon.cli import options
@@ -25,15 +26,21 @@ def command(
     json: options.Json = None,
 ) -> None:
     """Judge a recording before fitting to it: its quality, and what each parameter would get from it."""
+    require_folder(json)
+    session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)
+    report = checked(session, session.recordings(recording, trajectory), space or "physical")
+    _show(report, json)
+    emit_json(json, report)
+
+
+def checked(session: Session, aligned: Sequence[Aligned], space: str) -> dict[str, Any]:
+    """What the command writes."""
     from twin_daemon.calibration.check import advice, prospects
     from twin_daemon.calibration.spaces import load_space
 
-    require_folder(json)
-    chosen = load_space(space or "physical")
-    session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)
-    aligned = session.recordings(recording, trajectory)
+    chosen = load_space(space)
     found = prospects(session.twin, aligned, chosen)
-    report = {
+    return {
         "hand": session.hand.name,
         "space": chosen.name,
         "recordings": [quality(session, r) for r in aligned],
@@ -49,8 +56,6 @@ def command(
             for name, p in found.items()
         },
     }
-    _show(report, json)
-    emit_json(json, report)
 
 
 def quality(session: Session, aligned: Aligned) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -41,12 +42,33 @@ def command(
 
     The twin with all effects is stored as a candidate version. Ctrl-C keeps the steps done.
     """
-    from twin_daemon.diagnosis.stepwise import stepwise
-    from twin_daemon.executor import on_cluster
-
     require_folder(json, plot)
     session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)
     whole = session.recordings(recording, trajectory)
+    payload, ladder = laddered(session, whole, holdout, trajectory, max_steps, seed, cluster)
+    if plot is not None:
+        from twin_daemon.figures.ladder import ladder_figure
+        from twin_daemon.figures.style import write_page
+
+        title = f"{session.hand.name}: the error by what was added"
+        write_page(ladder_figure(title, payload["steps"], payload["references"], payload["noise_floor_rad2"]), plot)
+    _show(payload, ladder, json)
+    emit_json(json, payload)
+
+
+def laddered(
+    session: Session,
+    whole: list[Aligned],
+    holdout: Sequence[Path] | None,
+    trajectory: str | None,
+    max_steps: int,
+    seed: int,
+    cluster: str | None = None,
+) -> tuple[dict[str, Any], Ladder]:
+    """(what the command writes, the same as values); the version is stored."""
+    from twin_daemon.diagnosis.stepwise import stepwise
+    from twin_daemon.executor import on_cluster
+
     train, held, notes = train_and_held(session, whole, holdout, trajectory)
     began = time.perf_counter()
     with on_cluster(cluster), streaming() as say:
@@ -56,14 +78,7 @@ def command(
     payload = {**_payload(session, ladder, train, held), "notes": notes, "seed": seed}
     payload["version"], payload["candidate"] = _store(session, ladder, payload, train, held, seed)
     payload["wall_s"] = time.perf_counter() - began
-    if plot is not None:
-        from twin_daemon.figures.ladder import ladder_figure
-        from twin_daemon.figures.style import write_page
-
-        title = f"{session.hand.name}: the error by what was added"
-        write_page(ladder_figure(title, payload["steps"], payload["references"], payload["noise_floor_rad2"]), plot)
-    _show(payload, ladder, json)
-    emit_json(json, payload)
+    return payload, ladder
 
 
 def _payload(session: Session, ladder: Ladder, train: list[Aligned], held: list[Aligned]) -> dict[str, Any]:

@@ -26,6 +26,18 @@ class Taken:
 
         return self.found.version or (None if self.found.terms is None or self.found.terms.effects else NOMINAL)
 
+    def wanted(
+        self,
+        effect: str | None,
+        joints: Sequence[str] | None,
+        fitted: Sequence[Path] | None,
+        held: Sequence[Path] | None,
+        session: Session,
+    ) -> tuple[str, list[str], list[Path], list[Path]]:
+        """(effect, its places, recordings, held-out recordings) of the finding. Raises BadInput as `agree`."""
+        self.agree(effect, joints, session)
+        return self.finding.effect, [self.finding.target], self.recordings(fitted), self.holdouts(held)
+
     def agree(self, effect: str | None, joints: Sequence[str] | None, session: Session) -> None:
         """Raises BadInput where it is asked for something that the diagnosis did not find, or for another twin."""
         asked = {session.twin.place(name).target for name in joints or ()}

@@ -38,8 +38,7 @@ def list_versions(
     """Every version of the hand, `nominal` first, then the oldest, with the names that point at it."""
     store = open_store(hand, model)
     found = store.everything()
-    versions, notes = store.in_order(found), store.notes()
-    names, shipped = store.all_names(), store.all_shipped()
+    versions = store.in_order(found)
     console = people(json)
     if tree:
         console.print(_tree(store, versions))
@@ -49,6 +48,14 @@ def list_versions(
         console.print(f"No other version of {plain_text(store.hand)} yet. Make one: twin calibrate --recording R...")
     for problem in found.problems:
         console.print(f"[red]damaged[/red] {plain_text(problem)}", soft_wrap=True)
+    emit_json(json, listed(store))
+
+
+def listed(store: VersionStore) -> dict[str, Any]:
+    """What the list writes."""
+    found = store.everything()
+    versions, notes = store.in_order(found), store.notes()
+    names, shipped = store.all_names(), store.all_shipped()
     rows = [
         {
             **_summary(version),
@@ -59,7 +66,7 @@ def list_versions(
         }
         for version in versions
     ]
-    emit_json(json, {"hand": store.hand, "versions": rows, "aliases": store.aliases(), "problems": found.problems})
+    return {"hand": store.hand, "versions": rows, "aliases": store.aliases(), "problems": found.problems}
 
 
 @app.command("show")

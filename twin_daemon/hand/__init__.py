@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from twin_daemon.callable_packages import make_callable
+
 from .description import DEFAULT_HAND, Hand, known_hands, load_hand
 from .mjcf import compile_model, refuse_unphysical
 from .naming import canonical, match
@@ -23,3 +25,5 @@ __all__ = [
     "match",
     "refuse_unphysical",
 ]
+
+make_callable(__name__)

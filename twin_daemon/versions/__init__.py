@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from twin_daemon.callable_packages import make_callable
+
 from .diff import ParameterChange, VersionDiff, diff
 from .shelf import Stored
 from .standing import Worse
@@ -25,3 +27,5 @@ __all__ = [
     "promised_rad2",
     "seal",
 ]
+
+make_callable(__name__)

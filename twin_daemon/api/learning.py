@@ -1,0 +1,58 @@
+"""Diagnosing, the ladder, and the versions that come of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from twin_daemon.api.inputs import Recordings, Robot, Text, as_list, hand, of, opened, paths, trajectory_of
+from twin_daemon.api.results import Diagnosis, Ladder, Versions
+from twin_daemon.cli.diagnose import judged
+from twin_daemon.cli.ladder import laddered
+from twin_daemon.cli.versions import listed
+from twin_daemon.versions import VersionStore
+
+
+def diagnose(
+    recording: Recordings,
+    holdout: Recordings | None = None,
+    *,
+    joints: Sequence[str] = (),
+    seed: int = 0,
+    version: str | None = None,
+    terms: Text | None = None,
+) -> Diagnosis:
+    """Which effects the twin lacks, or that the data cannot tell, as `twin diagnose`. Nothing is stored.
+
+    Without `holdout` every third stretch of the recordings is held out. Candidates appear on standard error.
+    """
+    recordings, robot = of(recording)
+    held = as_list(holdout)
+    session = opened(robot, version, terms, [*recordings, *held])
+    trajectory = trajectory_of(recordings)
+    recorded = session.recordings(paths(recordings), trajectory)
+    found = Diagnosis.made_of(judged(session, recorded, paths(held), trajectory, list(joints), seed)[0])
+    found._robot = robot
+    return found
+
+
+def ladder(
+    recording: Recordings,
+    holdout: Recordings | None = None,
+    *,
+    max_steps: int = 6,
+    seed: int = 0,
+    version: str | None = None,
+    terms: Text | None = None,
+) -> Ladder:
+    """Diagnoses, adds, refits, and again, until nothing helps on held-out motion; stores a version: `twin ladder`."""
+    recordings, robot = of(recording)
+    held = as_list(holdout)
+    session = opened(robot, version, terms, [*recordings, *held])
+    trajectory = trajectory_of(recordings)
+    whole = session.recordings(paths(recordings), trajectory)
+    return Ladder.made_of(laddered(session, whole, paths(held), trajectory, max_steps, seed)[0])
+
+
+def versions(robot: Robot | None = None) -> Versions:
+    """Every version of a hand's twin, as `twin versions list`."""
+    return Versions.made_of(listed(VersionStore.of((robot or hand()).description)))
