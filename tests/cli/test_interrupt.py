@@ -77,4 +77,6 @@ def test_ctrl_c_keeps_the_best_and_stores_it(bag: Path, tmp_path: Path) -> None:
     assert 0 < fitted["evaluations"] < 1_000_000
     assert fitted["after"]["mse_rad2"] <= fitted["before"]["mse_rad2"]
     store = VersionStore("shadow_hand")
-    assert store.get(fitted["version"]).id == store.resolve("candidate").id
+    assert store.get(fitted["version"]).id == fitted["version"]
+    # only what held-out motion confirms is for promotion; how far the search came is a matter of luck
+    assert (store.aliases().get("candidate") == fitted["version"]) == fitted["candidate"]

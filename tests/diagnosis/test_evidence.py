@@ -24,7 +24,7 @@ def test_a_slow_closing_shows_too_little_to_call_a_hand_sound(
     recorded: Callable[..., Path], tmp_path: Path, hand: Any
 ) -> None:
     closing = Trajectory(
-        "slow", (JOINT,), np.array([0.0, 0.5, 3.5, 6.5, 7.0]), np.array([[0.0], [0.0], [1.4], [0.0], [0.0]])
+        "slow", (JOINT,), np.array([0.0, 0.2, 3.2, 3.4]), np.array([[0.0], [0.0], [0.08], [0.08]])
     )
     fitted, held = (str(recorded(f"slow_{seed}", closing, seed=seed)) for seed in (1, 2))
     said = called(

@@ -19,6 +19,7 @@ from bridges.authority import Authority
 from bridges.client import ask
 from bridges.commander import Commander
 from bridges.session import open_client, session_config
+from bridges.tls import DAEMON
 from twin_daemon.cli.app import main
 from twin_daemon.daemon.messages import JointSample
 from twin_daemon.errors import NoAnswer
@@ -43,9 +44,10 @@ def guarded(twin: Any, tmp_path: Path, state_dir: Path, monkeypatch: pytest.Monk
     yield twin
     code, _, said = twin.end(daemon)
     assert code == 0, said
-    secrets = [*state_dir.rglob("key.pem"), state_dir / "keys.json"]
-    assert len(secrets) == 7
-    for path in secrets:
+    keys = list(state_dir.rglob("key.pem"))
+    owners = {"authority", DAEMON, *load_keyring(state_dir / "keys.json").names}
+    assert sorted(path.parent.name for path in keys) == sorted(owners)
+    for path in (*keys, state_dir / "keys.json"):
         for line in path.read_text().splitlines():
             assert len(line) < 24 or line.startswith("-----") or line not in said
 

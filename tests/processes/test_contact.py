@@ -50,7 +50,7 @@ def test_blocked_finger_and_reversed_sensor_end_the_motion(scene: Scene, until: 
     assert scene.twin.run("command", "arm", "--reason", "a test")[0] == 0
     code, _, err = scene.twin.run("command", "move", "rh_MFJ3=1.2", "--seconds", "1.5", "--json", "-")
     assert code == 4
-    assert "reversed" in err
+    assert "reversed" in err or "is its zero right?" in err  # whichever is seen first
     until(lambda: scene.commander().status()["moving"] is False)
     sent = [one.position[one.names.index("rh_MFJ3")] for one in scene.sent if "rh_MFJ3" in one.names]
     assert max(sent) < 1.0
