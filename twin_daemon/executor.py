@@ -39,18 +39,22 @@ class OutOfTime(Exception):
 
 
 class TimeLimit:
-    """So many seconds of all of this machine's cores, from now on; None for no end.
+    """So many seconds of all of this machine's cores, from now on, or by the wall clock; None for no end.
 
     It counts what this process does: work that is sent to another one takes no limit along.
     """
 
-    def __init__(self, seconds: float | None = None) -> None:
+    def __init__(self, seconds: float | None = None, *, wall_s: float | None = None) -> None:
         self._processor_s = np.inf if seconds is None else seconds * thread_count()
-        self._began_s = time.process_time()
+        self._wall_s = np.inf if wall_s is None else wall_s
+        self._began_s, self._begun_at_s = time.process_time(), time.monotonic()
 
     def over(self, share: float = 1.0) -> bool:
         """Whether this share of it has gone."""
-        return time.process_time() - self._began_s > share * self._processor_s
+        return (
+            time.process_time() - self._began_s > share * self._processor_s
+            or time.monotonic() - self._begun_at_s > share * self._wall_s
+        )
 
     def __reduce__(self) -> tuple[type[TimeLimit], tuple[()]]:
         return TimeLimit, ()

@@ -23,9 +23,7 @@ from twin_daemon.simulation.twin import TwinModel
 def test_a_slow_closing_shows_too_little_to_call_a_hand_sound(
     recorded: Callable[..., Path], tmp_path: Path, hand: Any
 ) -> None:
-    closing = Trajectory(
-        "slow", (JOINT,), np.array([0.0, 0.2, 3.2, 3.4]), np.array([[0.0], [0.0], [0.08], [0.08]])
-    )
+    closing = Trajectory("slow", (JOINT,), np.array([0.0, 0.2, 3.2, 3.4]), np.array([[0.0], [0.0], [0.08], [0.08]]))
     fitted, held = (str(recorded(f"slow_{seed}", closing, seed=seed)) for seed in (1, 2))
     said = called(
         "diagnose", "--recording", fitted, "--holdout", held, "--joints", JOINT, result=tmp_path / "slow.json"

@@ -5,13 +5,18 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from pydantic import ValidationError
 
 from twin_daemon.cli import options
 from twin_daemon.cli.console import emit_json, people, plain_text, progress_console
 from twin_daemon.cli.session import Session, open_session, require_folder
 from twin_daemon.cli.tables import slim_table
 from twin_daemon.diagnosis.verdict import IN_WORDS, RecordingRead
+from twin_daemon.errors import BadInput
+from twin_daemon.hand.schema import NominalUncertainty
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -32,6 +37,22 @@ def command(
     holdout: options.Holdouts = None,
     joints: options.Joints = None,
     seed: options.Seed = 0,
+    within: Annotated[
+        float | None,
+        typer.Option("--within", metavar="S", min=1.0, help="End after so many seconds, with what is known by then."),
+    ] = None,
+    tolerance_mrad: Annotated[
+        float | None,
+        typer.Option("--tolerance-mrad", metavar="MRAD", min=1e-3, max=1e3, help="Errors up to this do not matter."),
+    ] = None,
+    nominal_uncertainty: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--nominal-uncertainty",
+            metavar="[KIND=]SHARE",
+            help="How far the model's numbers may be off: 0 for an exact model, gain=0.2 for one kind.",
+        ),
+    ] = None,
     hand: options.HandName = None,
     model: options.Model = None,
     version: options.VersionRef = None,
@@ -50,10 +71,11 @@ def command(
     from twin_daemon.executor import on_cluster
 
     require_folder(json)
-    session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)
+    assumed = assumptions(tolerance_mrad, nominal_uncertainty)
+    session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map, assumed=assumed)
     recorded = session.recordings(recording, trajectory)
     with on_cluster(cluster):
-        payload, found = judged(session, recorded, holdout, trajectory, joints, seed)
+        payload, found = judged(session, recorded, holdout, trajectory, joints, seed, within)
     _show(people(json), payload, found)
     emit_json(json, payload)
 
@@ -65,6 +87,7 @@ def judged(
     trajectory: str | None,
     joints: Sequence[str] | None,
     seed: int,
+    within_s: float | None = None,
 ) -> tuple[dict[str, Any], Diagnosis]:
     """(what the command writes, the same as values), with the next experiment where the data cannot decide."""
     from twin_daemon.diagnosis.free_rollout import with_free_errors
@@ -78,11 +101,11 @@ def judged(
         found = _too_short(short)
     else:
         train, held, notes = train_and_held(session, train, holdout, trajectory)
-        found = diagnosed(session.twin, train, held, joints=chosen, seed=seed)
-    if found.interrupted and not found.parts:
+        found = diagnosed(session.twin, train, held, joints=chosen, seed=seed, within_s=within_s)
+    if found.interrupted and not found.parts and within_s is None:
         raise KeyboardInterrupt  # nothing has been judged, so there is no verdict to keep
     if found.interrupted:
-        notes.append(f"interrupted: the verdict speaks of {', '.join(found.parts)} only")
+        notes.append(f"ended early: the verdict speaks of {', '.join(found.parts) or 'nothing'} only")
     if found.verdict in ("ambiguous", "not_excited"):
         from twin_daemon.diagnosis.experiment_design import next_experiment
         from twin_daemon.resources import state_dir
@@ -106,6 +129,25 @@ def read_from(recordings: Sequence[Aligned]) -> tuple[RecordingRead, ...]:
     """Where recordings came from, each once."""
     files = [r.recording for r in recordings]
     return tuple(RecordingRead(path=str(r.path.absolute()), name=r.name, sha256=r.sha256) for r in files)
+
+
+def assumptions(tolerance_mrad: float | None, uncertainty: Sequence[str] | None) -> dict[str, Any]:
+    """Fields of a hand's description that a command line overrides. BadInput for a kind or a share that is none."""
+    found: dict[str, Any] = {} if tolerance_mrad is None else {"tolerance_rad": 1e-3 * tolerance_mrad}
+    if not uncertainty:
+        return found
+    shares: dict[str, float] = {}
+    for text in uncertainty:
+        kind, _, share = text.rpartition("=")
+        kinds = [kind] if kind else list(NominalUncertainty.model_fields)
+        try:
+            shares |= NominalUncertainty.model_validate(dict.fromkeys(kinds, share)).model_dump(include=set(kinds))
+        except ValidationError:
+            raise BadInput(
+                f"--nominal-uncertainty {text}: no share of a nominal value",
+                allowed=f"0 to 1, or one of {', '.join(NominalUncertainty.model_fields)} = 0 to 1",
+            ) from None
+    return found | {"nominal_uncertainty": shares}
 
 
 def joint_names(twin: TwinModel, given: Sequence[str] | None) -> list[str] | None:
@@ -150,14 +192,17 @@ def diagnosed(
     joints: Sequence[str] | None = None,
     seed: int = 0,
     most_effects: int | None = None,
+    within_s: float | None = None,
 ) -> Diagnosis:
     """The diagnosis, each candidate on standard error as soon as it is judged."""
     from twin_daemon.diagnosis.search import diagnose
     from twin_daemon.diagnosis.thresholds import MOST_EFFECTS
+    from twin_daemon.executor import TimeLimit
 
     most = MOST_EFFECTS if most_effects is None else most_effects
     with streaming() as say:
-        return diagnose(twin, train, held, joints=joints, seed=seed, stream=say, most_effects=most)
+        limit = TimeLimit(wall_s=within_s)
+        return diagnose(twin, train, held, joints=joints, seed=seed, stream=say, most_effects=most, limit=limit)
 
 
 class streaming:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from twin_daemon.cli.console import STANDARD_OUTPUT
 from twin_daemon.errors import BadInput, UsageError
@@ -57,8 +57,12 @@ def open_session(
     version: str | None = None,
     terms: Path | None = None,
     joint_map: Path | None = None,
+    assumed: Mapping[str, Any] | None = None,
 ) -> Session:
-    """The twin that a command works on: given terms, a given version, else the promoted one, else the nominal."""
+    """The twin that a command works on: given terms, a given version, else the promoted one, else the nominal.
+
+    `assumed` are fields of the hand's description for this command only; those of a section change it in part.
+    """
     from twin_daemon.hand import load_hand
     from twin_daemon.simulation.terms import load_terms
     from twin_daemon.simulation.twin import TwinModel
@@ -69,6 +73,8 @@ def open_session(
     silence_mujoco()
     found = load_hand(hand, model)
     store = VersionStore.of(found)
+    if assumed:
+        found = replace(found, description=found.description.assuming(assumed))
     nominal = TwinModel.load(found)
     if terms is not None:
         return Session(found, nominal.changed(load_terms(terms)), None, store, joint_map)

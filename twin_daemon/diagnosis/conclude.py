@@ -9,9 +9,10 @@ from twin_daemon.comparison.conditions import errors_by_condition
 from twin_daemon.diagnosis.candidates import Hypothesis
 from twin_daemon.diagnosis.fit import Fit, own_estimates
 from twin_daemon.diagnosis.part_fit import PartFit
-from twin_daemon.diagnosis.thresholds import FLOOR_CHI_SQUARE, FORBIDDEN_SIGMA, MOST_NAMED, WORST_SHOWN
+from twin_daemon.diagnosis.thresholds import FORBIDDEN_SIGMA, MOST_NAMED, WORST_SHOWN
 from twin_daemon.diagnosis.validation import HeldOut
 from twin_daemon.diagnosis.verdict import Diagnosis, Failure, Finding, MovedParameter, PartSummary, Trial, VerdictName
+from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
 from twin_daemon.simulation.alignment import Aligned, predict
 from twin_daemon.simulation.twin import TwinModel
 
@@ -43,6 +44,8 @@ class Outcome:
     tried: list[Trial] = field(default_factory=list)
     left: float = 0.0
     within_floor: bool = False
+    unfinished: bool = False
+    """Whether time was over before it had been searched to the end."""
     undetectable: list[str] = field(default_factory=list)
     """Of a part within the floor the effects that its motion would not have shown, where these are many."""
 
@@ -74,6 +77,7 @@ def conclude(
     forced = [(o, *worst) for o in above for worst in forced_nuisances(o)]
     unsettled = [o for o in above if o.left <= 1.0 and not o.accepted and o.chi_square > FLOOR_CHI_SQUARE]
     ambiguous = [f for f in findings if f.confusable_with]
+    unfinished = [o for o in above if o.unfinished]
     verdict: VerdictName
     if interrupted and not outcomes:
         verdict, reason = "unexplained", "interrupted before any part of the hand was judged"
@@ -84,6 +88,9 @@ def conclude(
         verdict, reason = "not_excited", _too_poor(outcomes[0])
     elif not above and not shared:
         verdict, reason = "within_noise", "what is left is what the sensors and the time step leave of a right model"
+    elif unfinished:
+        verdict = "unexplained"
+        reason = f"{', '.join(', '.join(o.joints) for o in unfinished)}: above the floor, and not searched to the end"
     elif unexplained:
         worst = max(unexplained, key=lambda o: o.left)
         verdict = "unexplained"

@@ -12,7 +12,6 @@ from twin_daemon.diagnosis.candidates import Hypothesis
 from twin_daemon.diagnosis.thresholds import FOUND_LEAST_SHARE, FOUND_SHARE, TORQUE_FLOOR, VALUE_FLOOR
 from twin_daemon.estimation.posterior import Posterior
 from twin_daemon.estimation.solvers.trust_region import Descent
-from twin_daemon.estimation.thresholds import PARAMETER_SIGMA
 from twin_daemon.estimation.uncertainty import Estimate, estimated, unit_sigmas, widened
 from twin_daemon.estimation.variables import EffectVariable, Prior
 
@@ -102,12 +101,17 @@ class Start:
 
 @dataclass(frozen=True)
 class FirstFit:
-    """A candidate's point and cost on the motion that is screened, and its problem over all motion."""
+    """A candidate's point and cost on the motion that is screened, and its problem over all motion.
+
+    `rows` (m,) and `slopes` (m, p) are those at the point, so that a fit goes on from there.
+    """
 
     start: Start
     problem: Posterior
     point: np.ndarray
     cost: float
+    rows: np.ndarray
+    slopes: np.ndarray
 
     @property
     def hypothesis(self) -> Hypothesis:
@@ -168,9 +172,10 @@ def _nominal_sigma(fit: Fit, variable: EffectVariable) -> float:
     spoken = hypothesis.speaks_for(twin)
     if not spoken:
         return 0.0
+    sigma = twin.hand.description.nominal_uncertainty.of(next(iter(spoken)).rpartition(".")[2])
     if hypothesis.effect.parameters[0].neutral == 1.0:
-        return PARAMETER_SIGMA * fit.values[hypothesis.effect.parameters[0].name]
-    return PARAMETER_SIGMA * max(twin.parameter(name).read(twin.base_model) for name in spoken)
+        return sigma * fit.values[hypothesis.effect.parameters[0].name]
+    return sigma * max(twin.parameter(name).read(twin.base_model) for name in spoken)
 
 
 def own_sigmas(fit: Fit) -> np.ndarray:

@@ -13,7 +13,6 @@ from twin_daemon.diagnosis.fit import FirstFit, Fit, as_fit, own_columns
 from twin_daemon.diagnosis.thresholds import (
     COARSER_STEPS,
     FINER_STEP,
-    FLOOR_CHI_SQUARE,
     FORBIDDEN_SIGMA,
     GONE_FAR,
     LEAST_SHARE_OF_ERROR,
@@ -27,6 +26,7 @@ from twin_daemon.diagnosis.thresholds import (
 from twin_daemon.estimation.nuisances import beside, nuisance_variables
 from twin_daemon.estimation.posterior import Posterior, floor_and_corrections
 from twin_daemon.estimation.solvers.trust_region import Derivative, Descent, descend, differenced, searched
+from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
 from twin_daemon.estimation.uncertainty import conditional_information
 from twin_daemon.estimation.variables import EffectVariable, OnsetVariable
 from twin_daemon.simulation.alignment import Aligned

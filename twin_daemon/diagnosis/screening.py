@@ -15,7 +15,7 @@ from twin_daemon.diagnosis.thresholds import FURTHEST_ALONG, SCREENED_S
 from twin_daemon.errors import BadInput
 from twin_daemon.estimation.nuisances import factors
 from twin_daemon.estimation.posterior import Posterior
-from twin_daemon.estimation.solvers.trust_region import Derivative, descend, differenced, one_step
+from twin_daemon.estimation.solvers.trust_region import Derivative, descend, differenced
 from twin_daemon.estimation.variables import OnsetVariable, Variable
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
@@ -173,27 +173,22 @@ class Screening:
         )
 
     def enter(self, start: Start) -> FirstFit | None:
-        """A start as it is, with the nuisances where its anchor has them or where they would go from there.
+        """A start rolled out as it is, with the cost that it has once the nuisances have gone along, to first order.
 
         None where the effect cannot stand beside the twin's others.
         """
         with contextlib.suppress(BadInput):
-            return self._enter(start)
+            whole = self._part.problem_with((start.hypothesis, start.values))
+            problem = self._screened_of(whole)
+            anchor = self._anchors[start.anchor]
+            point = problem.start_from({v.name: u for v, u in zip(self._part.variables, anchor.point, strict=True)})
+            rows = problem.residuals(point[None])[0]
+            slopes = self._slopes(problem, anchor)
+            free = [i for i, variable in enumerate(problem.variables) if variable.prior is not None]
+            basis, _ = np.linalg.qr(slopes[:, free])
+            left = rows - basis @ (basis.T @ rows)
+            return FirstFit(start, whole, point, float(left @ left), rows, slopes)
         return None
-
-    def _enter(self, start: Start) -> FirstFit:
-        whole = self._part.problem_with((start.hypothesis, start.values))
-        problem = self._screened_of(whole)
-        anchor = self._anchors[start.anchor]
-        point = problem.start_from({v.name: u for v, u in zip(self._part.variables, anchor.point, strict=True)})
-        rows = problem.residuals(point[None])[0]
-        slopes = self._slopes(problem, anchor)
-        free = [i for i, variable in enumerate(problem.variables) if variable.prior is not None]
-        moved = one_step(problem, point, rows, slopes, free)
-        moved_rows = problem.residuals(moved[None])[0]
-        if moved_rows @ moved_rows < rows @ rows:
-            point, rows = moved, moved_rows
-        return FirstFit(start, whole, point, float(rows @ rows))
 
     def first_fit(self, entered: FirstFit, evaluations: int, *, settled: bool = True) -> FirstFit:
         """A first fit, on the motion that is screened: derivatives by the nuisances are taken over.
@@ -203,17 +198,15 @@ class Screening:
         The time step's error is the candidate's own, where it begins and for its rank where it ends: the flanks of a
         gap are an order of magnitude stiffer than anything in the model without it.
         """
-        problem = self._screened_of(entered.problem)
+        problem, begun = self._screened_of(entered.problem), entered.rows
         if settled:
-            problem = problem.corrected(problem.step_errors(entered.point))
-        known = self._slopes(problem, self._anchors[entered.start.anchor])
-        derivative = Derivative(problem, own_columns(problem), known)
-        more = 2 * len(own_columns(problem))
-        found = descend(problem, entered.point, derivative, evaluations=evaluations + more)
+            problem, begun = problem.corrected(problem.step_errors(entered.point)), None
+        derivative = Derivative(problem, own_columns(problem), entered.slopes)
+        found = descend(problem, entered.point, derivative, evaluations=evaluations, begun=begun)
         rows = found.rows
         if settled:
             rows = problem.corrected(problem.step_errors(found.point)).residuals(found.point[None])[0]
-        return FirstFit(entered.start, entered.problem, found.point, float(rows @ rows))
+        return FirstFit(entered.start, entered.problem, found.point, float(rows @ rows), rows, found.slopes)
 
     def _screened_of(self, whole: Posterior) -> Posterior:
         variables = over_some(whole.variables, self._part.recordings, self._screened)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from twin_daemon.diagnosis.conclude import Outcome, conclude, forced_nuisances, nothing_moves
 from twin_daemon.diagnosis.fit import Fit
@@ -52,13 +52,13 @@ def diagnose(
     outcomes: list[Outcome] = []
     findings: list[Finding] = []
     touching: list[str] = []
+    above: list[tuple[Reduced, PartFit]] = []
     interrupted = False
     try:
         chosen = [(g, [n for n in moving if n in g.joints]) for g in drive_groups(twin)]
         cut = [(g.name, reduction.of(twin, g, own)) for g, own in chosen if own]
         touching = [name for name, reduced in cut if reduced is None]
         looked_at = concurrently(_look, [reduced for _, reduced in cut if reduced is not None])
-        above = []
         for reduced, part in sorted(looked_at, key=lambda item: float(item[1].times_floor.max())):
             seen = any(o.within_floor and not o.undetectable for o in outcomes)
             outcome = _within_floor(part, reduced, seed, say, seen=seen)
@@ -70,24 +70,17 @@ def diagnose(
         if shared is not None:
             findings.append(shared.finding)
             for reduced, part in shared.looked_at:
-                outcome = Outcome(reduced.name, part.joints, float(part.times_floor.max()), _deviating(part))
-                outcome.within_floor = True
-                outcomes.append(outcome)
+                outcomes.append(replace(_begun(reduced, part), within_floor=True))
             above = []
+        hunt = _Hunt(twin, reduction, moving, seed, say, most_effects, limit, outcomes, touching)
         for unit in _units(twin, above):
-            if len(unit) == 1:
-                reduced, part = unit[0]
-            else:
-                joints = [n for n in moving if any(n in r.joints for r, _ in unit)]
-                name = next(iter(dict.fromkeys(r.name for r, _ in unit)))
-                whole = reduction.of(twin, Part(name, tuple(joints), ()), joints)
-                if whole is None:
-                    touching.append(name)
-                    continue
-                reduced, part = _look(whole)
-            outcomes.append(_search(part, reduced, seed, say, most_effects, limit))
+            hunt.search(unit)
     except (KeyboardInterrupt, OutOfTime):
         interrupted = True
+    judged = {joint for outcome in outcomes for joint in outcome.joints}
+    for reduced, part in above:
+        if not judged & set(reduced.joints):
+            outcomes.append(replace(_begun(reduced, part), unfinished=True))
     return conclude(twin, train, outcomes, touching, interrupted, findings)
 
 
@@ -114,8 +107,76 @@ def _units(twin: TwinModel, above: Sequence[tuple[Reduced, PartFit]]) -> list[li
     return sorted(units, key=lambda unit: -max(float(part.times_floor.max()) for _, part in unit))
 
 
+@dataclass(frozen=True)
+class _Hunt:
+    """The search for effects at groups above the floor. What they say is added to `outcomes` as it is known."""
+
+    twin: TwinModel
+    reduction: Reduction
+    moving: Sequence[str]
+    seed: int
+    say: Say
+    most_effects: int
+    limit: TimeLimit
+    outcomes: list[Outcome]
+    touching: list[str]
+
+    def search(self, unit: Sequence[tuple[Reduced, PartFit]]) -> None:
+        """Searches groups that feel each other one after another, the worst first.
+
+        What is found at the worst one often is all: its neighbours were told a wrong motion of it, or a wrong load. So
+        they are looked at anew with it. Where no effect of one group explains it, all that are left are searched as
+        one.
+        """
+        twin, left = self.twin, list(unit)
+        while len(left) > 1:
+            left.sort(key=lambda item: -float(item[1].times_floor.max()))
+            reduced, part = left[0]
+            outcome = self._searched(part, reduced)
+            if not outcome.accepted or outcome.left > 1.0 or forced_nuisances(outcome):
+                break
+            self.outcomes.append(outcome)
+            terms = twin.terms
+            for found in outcome.accepted:
+                terms = terms.with_effect(found.hypothesis.term(found.fit.values))
+            twin = twin.changed(terms)
+            left = self._above(twin, [reduced for reduced, _ in left[1:]])
+        if len(left) == 1:
+            reduced, part = left[0]
+            self.outcomes.append(self._searched(part, reduced))
+        elif left:
+            joints = [n for n in self.moving if any(n in r.joints for r, _ in left)]
+            whole = self.reduction.of(twin, Part(left[0][0].name, tuple(joints), ()), joints)
+            if whole is None:
+                self.touching.append(left[0][0].name)
+            else:
+                reduced, part = _look(whole)
+                self.outcomes.append(self._searched(part, reduced))
+
+    def _above(self, twin: TwinModel, groups: Sequence[Reduced]) -> list[tuple[Reduced, PartFit]]:
+        """Those groups that are above the floor with what the twin now has."""
+        reduction = self.reduction.following(twin)
+        again = [reduction.of(twin, Part(r.name, r.joints, ()), r.joints) for r in groups]
+        above = []
+        for reduced, part in concurrently(_look, [reduced for reduced in again if reduced is not None]):
+            outcome = _within_floor(part, reduced, self.seed, self.say, seen=True)
+            if outcome is None:
+                above.append((reduced, part))
+            else:
+                self.outcomes.append(outcome)
+        return above
+
+    def _searched(self, part: PartFit, reduced: Reduced) -> Outcome:
+        return _search(part, reduced, self.seed, self.say, self.most_effects, self.limit)
+
+
 def _look(reduced: Reduced) -> tuple[Reduced, PartFit]:
     return reduced, PartFit(reduced.twin, reduced.train, reduced.joints)
+
+
+def _begun(reduced: Reduced, part: PartFit) -> Outcome:
+    """What a group says before any effect was looked for."""
+    return Outcome(reduced.name, part.joints, float(part.times_floor.max()), _deviating(part))
 
 
 def _within_floor(part: PartFit, reduced: Reduced, seed: int, say: Say, *, seen: bool) -> Outcome | None:
@@ -123,8 +184,8 @@ def _within_floor(part: PartFit, reduced: Reduced, seed: int, say: Say, *, seen:
 
     `seen` says that another one has moved richly enough for the robot to be called sound.
     """
-    deviating = _deviating(part)
-    outcome = Outcome(reduced.name, part.joints, float(part.times_floor.max()), deviating)
+    outcome = _begun(reduced, part)
+    deviating = outcome.deviating
     said = f"{', '.join(part.joints)}: {part.times_floor.max():.1f} times the floor, nominal values being uncertain"
     if not part.within_floor or deviating:
         say(said)
@@ -141,13 +202,16 @@ def _within_floor(part: PartFit, reduced: Reduced, seed: int, say: Say, *, seen:
 
 
 def _search(part: PartFit, reduced: Reduced, seed: int, say: Say, most_effects: int, limit: TimeLimit) -> Outcome:
-    deviating = _deviating(part)
-    outcome = Outcome(reduced.name, part.joints, float(part.times_floor.max()), deviating)
+    outcome = _begun(reduced, part)
     validation = Validation(part, reduced.holdout, seed=seed)
     outcome.left = validation.judge(part.base).adequacy
     first = part
     for _ in range(most_effects):
-        step = next_effect(part, validation, say, outcome, limit)
+        try:
+            step = next_effect(part, validation, say, outcome, limit)
+        except OutOfTime:
+            outcome.unfinished = True
+            break
         if step is None:
             break
         if _is_refinement(first, part, step.fit, outcome):

@@ -6,6 +6,7 @@ cost is a sum over groups, so that a cause of the whole robot costs some roll-ou
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -162,12 +163,10 @@ class SharedSearch:
         joints = [joint for reduced, _ in self._above for joint in reduced.joints]
         found: list[_Begun] = []
         for start in _directions(cause, cause.starts(self._twin, joints)):
-            for share in SHARED_SHARES:
-                along = _along(cause, start, share)
-                try:
-                    found.append(_Begun(cause, along, self._rows(cause, along)))
-                except BadInput:
-                    continue
+            if cause.effect.shared == "load":
+                found += self._projected(cause, start)
+            else:
+                found += [one for share in SHARED_SHARES if (one := self._at(cause, start, share)) is not None]
         return min(found, key=lambda one: one.cost) if found else None
 
     def at(self, cause: SharedCause, values: Mapping[str, float]) -> _Begun:
@@ -178,6 +177,23 @@ class SharedSearch:
     def beside(self, cause: SharedCause, values: Mapping[str, float]) -> list[tuple[Reduced, PartFit]]:
         """The groups with a cause in their models, and what is uncertain about them fitted beside it."""
         return concurrently(lambda r: (r, PartFit(r.twin, r.train, r.joints)), self._changed(cause, values))
+
+    def _at(self, cause: SharedCause, start: Mapping[str, float], share: float) -> _Begun | None:
+        """A cause at a share of a start; None where it cannot stand beside what the twin has."""
+        along = _along(cause, start, share)
+        with contextlib.suppress(BadInput):
+            return _Begun(cause, along, self._rows(cause, along))
+        return None
+
+    def _projected(self, cause: SharedCause, start: Mapping[str, float]) -> list[_Begun]:
+        """A load, whose torques grow in proportion to it, as strong as a light one says that it should be."""
+        light = self._at(cause, start, SHARED_SHARES[-1])
+        if light is None:
+            return []
+        change = (light.rows - self._nothing) / SHARED_SHARES[-1]
+        share = float(np.clip(-(change @ self._nothing) / max(change @ change, 1e-30), 0.0, 1.0))
+        full = self._at(cause, start, share) if share > SHARED_SHARES[-1] else None
+        return [light] if full is None else [light, full]
 
     def fitted(self, begun: _Begun, limit: TimeLimit) -> tuple[_Begun, np.ndarray]:
         """(where Gauss-Newton takes a cause, (m, q) slopes there)."""

@@ -47,9 +47,6 @@ SHARED_STEP = Threshold(0.1, "1", "of such a value: its step for a slope")
 
 # -- verdicts ------------------------------------------------------------------------------------------------
 
-FLOOR_CHI_SQUARE = Threshold(
-    3.0, "floors", "mean square of a joint that a right model leaves, as on held-out motion: no more is asked"
-)
 SURE_FLOOR_SHARE = Threshold(0.8, "1", "of that: nuisances that reach it are not fitted further")
 SURE_FLOOR_SIGMA = Threshold(3.0, "sigma", "from its prior: nor may any of them be further")
 LEAST_SHARE_OF_ERROR = Threshold(0.04, "1", "of a part's error: joints with less are not suspected beside worse ones")

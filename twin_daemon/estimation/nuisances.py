@@ -13,7 +13,6 @@ from twin_daemon.estimation.thresholds import (
     DELAY_SIGMA_S,
     FREE_ONSET_SIGMA_S,
     NUISANCE_REACH,
-    PARAMETER_SIGMA,
 )
 from twin_daemon.estimation.variables import OnsetVariable, ParameterVariable, Prior, Variable
 from twin_daemon.simulation.alignment import Aligned
@@ -29,6 +28,7 @@ def nuisance_variables(twin: TwinModel, recordings: Sequence[Aligned], joints: S
     search may walk along this valley, a servo's factor scales what it drives as well, and the factors of damping,
     friction and armature are what they have beyond it. Priors are about the whole factor of each parameter.
     """
+    assumed = twin.hand.description.nominal_uncertainty
     driven_by = {f"{actuator}.kp": driven for actuator, driven in zip(twin.actuators, twin.driven, strict=True)}
     known = {
         name: joint
@@ -36,11 +36,15 @@ def nuisance_variables(twin: TwinModel, recordings: Sequence[Aligned], joints: S
         for joint in joints
         if twin.parameter(name := f"{joint}.{kind}").read(twin.base_model) > 0.0
     }
-    found: list[Variable] = [_factor(name, (name,), joint) for name, joint in known.items()]
+    found: list[Variable] = [
+        _factor(name, (name,), sigma, joint)
+        for name, joint in known.items()
+        if (sigma := assumed.of(name.rpartition(".")[2])) > 0.0
+    ]
     for servo, driven in driven_by.items():
-        if set(driven) & set(joints) and twin.parameter(servo).read(twin.base_model) > 0.0:
-            along = [name for name, joint in known.items() if joint in driven]
-            found.append(_factor(servo, (servo, *along), *driven))
+        if assumed.gain > 0.0 and set(driven) & set(joints) and twin.parameter(servo).read(twin.base_model) > 0.0:
+            along = [v.name for v in found if set(v.joints) <= set(driven)]
+            found.append(_factor(servo, (servo, *along), assumed.gain, *driven))
     for number, (_, members) in enumerate(_by_recording(recordings).items()):
         sigma = FREE_ONSET_SIGMA_S if recordings[members[0]].onset_free else DELAY_SIGMA_S
         reach = DELAY_REACH * sigma
@@ -75,7 +79,7 @@ def _by_recording(pieces: Sequence[Aligned]) -> dict[str, list[int]]:
     return out
 
 
-def _factor(name: str, parameters: tuple[str, ...], *joints: str) -> ParameterVariable:
+def _factor(name: str, parameters: tuple[str, ...], sigma: float, *joints: str) -> ParameterVariable:
     return ParameterVariable(
         name=name,
         unit="of nominal",
@@ -85,6 +89,6 @@ def _factor(name: str, parameters: tuple[str, ...], *joints: str) -> ParameterVa
         log=True,
         parameters=parameters,
         factor=True,
-        prior=Prior(0.0, PARAMETER_SIGMA),
+        prior=Prior(0.0, sigma),
         joints=joints,
     )

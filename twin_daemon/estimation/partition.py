@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -62,7 +63,7 @@ class Reduction:
         recordings = (*self._train, *self._holdout)
         outside = [name for name in self.moving if name not in small.joints]
         if outside and self._motions is None:
-            self._motions = [measured_motion(twin, r) for r in recordings]
+            self._smoothed(twin)
         pieces = []
         for index, (recording, masks) in enumerate(zip(recordings, self._touching, strict=True)):
             cut = restricted(recording, small)
@@ -75,6 +76,16 @@ class Reduction:
         enough_held = not self._holdout or length_s(holdout) > 0.5 * least_s
         clear = length_s(train) > least_s and enough_held
         return Reduced(part.name, tuple(joints), small, tuple(train), tuple(holdout)) if clear else None
+
+    def following(self, twin: TwinModel) -> Reduction:
+        """The same with the measured motion smoothed by a twin that follows it better."""
+        other = copy.copy(self)
+        other._motions, other._whole = None, []
+        return other if self._motions is None else other._smoothed(twin)
+
+    def _smoothed(self, twin: TwinModel) -> Reduction:
+        self._motions = [measured_motion(twin, r) for r in (*self._train, *self._holdout)]
+        return self
 
     def _needed(self, twin: TwinModel) -> list[Needed]:
         """What the whole twin needs to move as in each recording; kept for the twin that was asked for last."""

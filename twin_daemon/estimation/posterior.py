@@ -10,6 +10,7 @@ from twin_daemon.comparison.noise import noise_variance
 from twin_daemon.estimation.problem import Problem
 from twin_daemon.estimation.thresholds import (
     FINER_STEPS,
+    FLOOR_CHI_SQUARE,
     LEAST_CORRELATION_S,
     LEAST_NOISE_RAD,
     OFFSET_FLOORS,
@@ -206,11 +207,17 @@ class Posterior(Problem):
 def floor_and_corrections(
     twin: TwinModel, recordings: Sequence[Aligned], variables: Sequence[Variable], joints: Sequence[str]
 ) -> tuple[np.ndarray, list[np.ndarray]]:
-    """((k,) rad^2, (n, k) rad a recording): the floor with what is left of the time step's error, and that error."""
+    """((k,) rad^2, (n, k) rad a recording): the floor with what is left of the time step's error, and that error.
+
+    An error that the robot's description tolerates is not below the floor.
+    """
     floor = floor_variance(recordings, joints)
     nominal = Posterior(twin, recordings, variables, joints, floor)
     errors = nominal.step_errors(nominal.start)
-    return floor + np.mean([(STEP_ERROR_SHARE * e).var(axis=0) for e in errors], axis=0), errors
+    floor = floor + np.mean([(STEP_ERROR_SHARE * e).var(axis=0) for e in errors], axis=0)
+    tolerance = twin.hand.description.tolerance_rad
+    # a joint is within its floor up to so many floors: of an error that is tolerated this is one
+    return (floor if tolerance is None else np.maximum(floor, tolerance**2 / FLOOR_CHI_SQUARE)), errors
 
 
 def _counts(variable: Variable, other: Variable) -> bool:

@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+from twin_daemon.hand.schema import NominalUncertainty
+
 
 class Threshold(float):
     """A number with its `unit` ("1" for a share or a factor) and `why`: what it decides and where it comes from."""
@@ -43,7 +45,9 @@ ANCHOR_FACTOR = Threshold(2.0, "1", "belief about a positive value that is ancho
 ANCHOR_SIGNED_SHARE = Threshold(0.05, "1", "of its range: the same for a value that may be 0 or change its sign")
 ZERO_START_FACTOR = Threshold(20.0, "1", "over its lower bound: where a positive value starts that the model has as 0")
 
-PARAMETER_SIGMA = Threshold(0.12, "1", "of the logarithm of a nominal parameter: 20 % off is within 1.7 sigma")
+PARAMETER_SIGMA = Threshold(
+    NominalUncertainty().gain, "1", "of the logarithm of a nominal parameter: 20 % off is within 1.7 sigma"
+)
 DELAY_SIGMA_S = Threshold(3e-3, "s", "of a recorded command's time: half a period of a stream that is held")
 FREE_ONSET_SIGMA_S = Threshold(0.05, "s", "of the onset where no commands were recorded and it is estimated")
 OFFSET_FLOORS = Threshold(
@@ -54,6 +58,9 @@ NUISANCE_REACH = Threshold(12.0, "1", "as a factor, bounds of a nuisance: far en
 
 # -- the error that a right model leaves ---------------------------------------------------------------------
 
+FLOOR_CHI_SQUARE = Threshold(
+    3.0, "floors", "mean square of a joint that a right model leaves, as on held-out motion: no more is asked"
+)
 LEAST_NOISE_RAD = Threshold(1e-6, "rad", "of any reading: no joint is read better than that")
 SPEED_SAMPLES = Count(5, "samples", "to either side, from which a speed is read that is not its noise")
 LEAST_CORRELATION_S = Threshold(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import string
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
@@ -161,6 +162,19 @@ class Keys(_Strict):
         return self
 
 
+class NominalUncertainty(_Strict):
+    """How far a model's own numbers may be off, as a share of each (one standard deviation); 0 for what is exact."""
+
+    damping: Annotated[float, Field(ge=0, le=1)] = 0.12
+    frictionloss: Annotated[float, Field(ge=0, le=1)] = 0.12
+    armature: Annotated[float, Field(ge=0, le=1)] = 0.12
+    gain: Annotated[float, Field(ge=0, le=1)] = 0.12
+
+    def of(self, kind: str) -> float:
+        """That of a kind of parameter, as its name ends: "damping", "frictionloss", "armature" or "kp"."""
+        return getattr(self, "gain" if kind == "kp" else kind)
+
+
 class HandDescription(_Strict):
     """A hand: its model, the names in its data, what drives what, its sensors, limits, topics, keys and groups."""
 
@@ -183,6 +197,14 @@ class HandDescription(_Strict):
     keys: Keys = Field(default_factory=Keys)
     trajectory_order: list[Name] = Field(default_factory=list)
     """Joints of the numbers in a waypoint's `joint_angles`."""
+    nominal_uncertainty: NominalUncertainty = Field(default_factory=NominalUncertainty)
+    tolerance_rad: Annotated[float, Field(gt=0, le=1)] | None = None
+    """Errors up to this do not matter to a diagnosis; by default what the sensors' noise leaves of a right model."""
+
+    def assuming(self, fields: Mapping[str, Any]) -> HandDescription:
+        """The same description with other values of some fields; of a section those that are given."""
+        sections = {n: getattr(self, n).model_copy(update=v) for n, v in fields.items() if isinstance(v, dict)}
+        return self.model_copy(update={**fields, **sections})
 
     @model_validator(mode="before")
     @classmethod

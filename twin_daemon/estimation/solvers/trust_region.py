@@ -39,6 +39,8 @@ class Derivative:
 
     def __call__(self, point: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """(m, p) at a point whose rows (m,) are known."""
+        if self._at is not None and self.matrix is not None and np.array_equal(point, self._at[0]):
+            return self.matrix
         if self.matrix is None:
             self.matrix = differenced(self._problem, point, rows, range(len(point)))
         else:
@@ -90,16 +92,19 @@ def descend(
     *,
     evaluations: int,
     enough: Callable[[np.ndarray, np.ndarray], bool] | None = None,
+    begun: np.ndarray | None = None,
 ) -> Descent:
     """A bounded descent from a point (p,); stops early where `enough(point, rows)` says so.
+
+    Where the rows (m,) at the start are known, as `begun`, they are not rolled out again.
 
     Gauss-Newton in a trust region that is a box, cut to the variables' bounds, so that each step is a bounded quadratic
     problem (solved by MuJoCo's). The first steps are short: a nuisance by two sigma, an effect by its own size.
     """
     point = np.clip(start, 0.0, 1.0)
-    rows = problem.residuals(point[None])[0]
+    rows, spent = (problem.residuals(point[None])[0], 1) if begun is None else (begun, 0)
     scale, radius = _scales(problem, point), 1.0
-    spent, cost = 1, float(rows @ rows)
+    cost = float(rows @ rows)
     before = cost
     slopes = derivative(point, rows)
     while spent < evaluations and radius > SMALLEST_RADIUS and not (enough and enough(point, rows)):
