@@ -18,7 +18,6 @@ from twin_daemon.hand import load_hand
 from twin_daemon.plant import FOREIGN, parse_hidden
 
 _FEW = ("none-1", "actuator_lag-mild")
-_PAIR = "backlash:FFJ3+sensor_gain:FFJ3"
 
 
 def _diagnosed(name: str, folder: Path) -> dict[str, Any]:
@@ -43,14 +42,6 @@ def test_what_is_hidden_is_named_with_its_value(name: str, tmp_path: Path) -> No
     text = page([case], tmp_path)
     assert "| single: the right name first | 95% | 100% | 1 of 1 |" in text
     assert "| planted value inside its 95 % interval | 90 to 98 % | 100% | 1 of 1 |" in text
-
-
-@pytest.mark.slow
-def test_a_tie_is_settled_once_both_effects_of_a_joint_are_known(tmp_path: Path) -> None:
-    said = _diagnosed(_PAIR, tmp_path)
-    assert {one["effect"] for one in said["findings"]} == {"backlash", "sensor_gain"}
-    assert all("rh_FFJ3" in one["joints"] for one in said["findings"])
-    assert said["verdict"] in ("explained", "ambiguous")
 
 
 def test_the_suite_has_every_effect_mild_and_severe_and_every_foreign_one() -> None:

@@ -124,7 +124,7 @@ def own_columns(problem: Posterior) -> list[int]:
 
 
 def value_interval(fit: Fit, index: int, variable: EffectVariable, sigma: float) -> tuple[float, float]:
-    """95 % interval of an effect's value from the sigma of its unit coordinate, at least 2 % of it; 12 % for torques.
+    """95 % interval of an effect's value from the sigma of its unit coordinate, at least 5 % of it; 12 % for torques.
 
     A torque is seen as a part of the servo's stiffness, of which only gravity and inertia tell the size: they are
     worth less than their rows claim, as the hidden suite shows. An effect that speaks for a nominal parameter is known

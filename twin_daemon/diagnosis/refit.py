@@ -112,8 +112,10 @@ def refit_shared(
     begun = search.begun(cause, limit) if start is None else search.at(cause, start)
     if begun is None:
         raise BadInput(f"'{effect.key}' cannot stand beside what the servos have", todo="Name servos with --joint")
-    found, slopes = search.settled(begun, limit) if cause.amplitudes else (begun, np.zeros((len(begun.rows), 0)))
-    beside = search.beside(cause, found.values)
+    found, slopes, there = begun, np.zeros((len(begun.rows), 0)), search
+    if cause.amplitudes:
+        found, slopes, there = search.settled(begun, limit)
+    beside = there.beside(cause, found.values)
     return Refit(
         (cause.term(found.values),),
         {f"{cause.name}.{name}": one for name, one in estimates(cause, found.values, slopes).items()},

@@ -16,6 +16,7 @@ from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.screening import over_some
 from twin_daemon.diagnosis.thresholds import (
     DECISIVE_NATS,
+    RELATIVE_ERROR,
     SCREENED_S,
     SHARED_FINALISTS,
     SHARED_ROUNDS,
@@ -32,7 +33,7 @@ from twin_daemon.estimation.estimate import Estimate
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.estimation.posterior import Posterior
 from twin_daemon.estimation.solvers.trust_region import differenced
-from twin_daemon.estimation.thresholds import Z95
+from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE, Z95
 from twin_daemon.estimation.uncertainty import block_gain
 from twin_daemon.estimation.variables import Variable
 from twin_daemon.estimation.windows import spread
@@ -176,7 +177,7 @@ class SharedSearch:
 
     def beside(self, cause: SharedCause, values: Mapping[str, float]) -> list[tuple[Reduced, PartFit]]:
         """The groups with a cause in their models, and what is uncertain about them fitted beside it."""
-        return concurrently(lambda r: (r, PartFit(r.twin, r.train, r.joints)), self._changed(cause, values))
+        return concurrently(_looked_at, self._changed(cause, values))
 
     def _at(self, cause: SharedCause, start: Mapping[str, float], share: float) -> _Begun | None:
         """A cause at a share of a start; None where it cannot stand beside what the twin has."""
@@ -216,12 +217,18 @@ class SharedSearch:
                 break
         return begun, slopes
 
-    def settled(self, begun: _Begun, limit: TimeLimit) -> tuple[_Begun, np.ndarray]:
-        """As `fitted`, and once more with what nuisances can do taken where that has come to."""
+    def settled(self, begun: _Begun, limit: TimeLimit) -> tuple[_Begun, np.ndarray, SharedSearch]:
+        """As `fitted`, and once more with what nuisances can do taken where that has come to; and the search there.
+
+        There the measured motion is smoothed by a twin that has the cause, and follows it better.
+        """
         cause, found = begun.cause, self.fitted(begun, limit)[0]
-        beside = self.beside(cause, found.values)
-        there = SharedSearch(self._twin.changed(cause.terms(self._twin, found.values)), self._reduction, beside)
-        return there.fitted(there.at(cause, found.values), limit)
+        twin = self._twin.changed(cause.terms(self._twin, found.values))
+        reduction = self._reduction.following(twin)
+        cut = [reduction.of(twin, Part(r.name, r.joints, ()), r.joints) for r, _ in self._above]
+        looked_at = concurrently(_looked_at, [reduced for reduced in cut if reduced is not None])
+        there = SharedSearch(twin, reduction, looked_at)
+        return (*there.fitted(there.at(cause, found.values), limit), there)
 
     def best(self, causes: Sequence[SharedCause], limit: TimeLimit, seed: int) -> Shared | None:
         """The cause that brings the groups back to the floor, on held-out motion too; None where none does."""
@@ -230,11 +237,12 @@ class SharedSearch:
         if not fits:
             return None
         best = fits[0][0]
-        found, slopes = self.settled(best, limit)
+        found, slopes, there = self.settled(best, limit)
         cause, values = found.cause, found.values
-        looked_at = self.beside(cause, values)
-        if not all(part.within_floor for _, part in looked_at):
-            return None
+        looked_at = there.beside(cause, values)
+        for (_, old), (_, new) in zip(self._above, looked_at, strict=True):
+            if (new.times_floor > np.maximum(FLOOR_CHI_SQUARE, RELATIVE_ERROR * old.times_floor)).any():
+                return None
         judged = [self._judged(old, new, seed) for old, new in zip(self._above, looked_at, strict=True)]
         if not all(adequate for _, adequate in judged):
             return None
@@ -270,6 +278,10 @@ class SharedSearch:
         after = Validation(new[1], new[0].holdout, seed=seed, first=before)
         squares = before.squares(old[1].base), after.squares(new[1].base)
         return squares, after.judge(new[1].base).adequate
+
+
+def _looked_at(reduced: Reduced) -> tuple[Reduced, PartFit]:
+    return reduced, PartFit(reduced.twin, reduced.train, reduced.joints)
 
 
 def shared_causes(twin: TwinModel, above: Sequence[tuple[Reduced, PartFit]], groups: int) -> list[SharedCause]:

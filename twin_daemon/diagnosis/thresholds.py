@@ -75,7 +75,9 @@ FORGIVEN_OFFSET_SIGMA = Threshold(2.0, "sigma", "of a constant offset on held-ou
 
 # -- how sure an effect's value is ---------------------------------------------------------------------------
 
-VALUE_FLOOR = Threshold(0.02, "1", "of an effect's value: the least half-width of its interval")
+VALUE_FLOOR = Threshold(
+    0.05, "1", "of an effect's value: the least half-width of its interval; plants of other form were 3 % off"
+)
 TORQUE_FLOOR = Threshold(
     1.96 * 0.5 * PARAMETER_SIGMA, "1", "of a torque: seen as a part of the servo's stiffness, by the hidden suite"
 )

@@ -104,8 +104,13 @@ class Validation:
         return self._before[owned, adjusted]
 
     def _allowed(self, base: Sequence[np.ndarray]) -> np.ndarray:
-        """(k,) floors: for joints that fit well what they leave anyway, for the others a part of that."""
+        """(k,) floors: for joints that fit well what they leave anyway, for the others a part of that.
+
+        What nuisances that had to stand in for something get wrong on other motion allows nothing: where the part left
+        less on its own motion, that counts.
+        """
         left, suspects = _left(base, self._known, self._part.floor), self._part.suspects
+        left = np.minimum(left, np.maximum(self._part.times_floor, ADEQUATE_FLOORS))
         share = np.array([RELATIVE_ERROR if joint in suspects else AS_BEFORE for joint in self._part.joints])
         return np.maximum(ADEQUATE_FLOORS, share * left)
 
