@@ -113,7 +113,8 @@ class Screening:
         step, because a change is a difference of two roll-outs, which share its error.
         """
         found: list[Start] = []
-        hypothesis = informed(hypothesis, self._part.twin, self._part.recordings, self._part.joints, self._gaps)
+        gaps = self._nominal_gaps if hypothesis.effect.reads_nominal_error else self._gaps
+        hypothesis = informed(hypothesis, self._part.twin, self._part.recordings, self._part.joints, gaps)
         spoken = hypothesis.speaks_for(self._part.twin)
         dropped = tuple(i for i, variable in enumerate(self._part.variables) if variable.name in spoken)
         own = self._part.group_of(hypothesis.target)

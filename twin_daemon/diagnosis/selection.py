@@ -178,14 +178,8 @@ def _shortlist(screening: Screening, part: PartFit, outcome: Outcome) -> list[Fi
     looked_at = _worth_a_look(screening, screened, {h.name for h in owners})
     entered = sorted((r for r in concurrently(screening.enter, looked_at) if r is not None), key=lambda r: r.cost)
     # the best start of each candidate from each point of the nuisances: what one has not moved yet is not its fault
-    begun = {(first.hypothesis.name, first.start.anchor): first for first in reversed(entered)}
-    chosen = sorted(begun.values(), key=lambda first: first.cost)[: max(2 * LEAST_RACING, len(begun) // 2)]
+    chosen = list({(first.hypothesis.name, first.start.anchor): first for first in reversed(entered)}.values())
     names = {first.hypothesis.name for first in chosen}
-    for first in entered:
-        if first.hypothesis.name not in names:
-            names.add(first.hypothesis.name)
-            gain, behind = 0.5 * (screening.cost - first.cost), 0.5 * (first.cost - chosen[0].cost)
-            outcome.tried.append(_lost(first.hypothesis, gain, f"begins {behind:.0f} nats behind the best half"))
     for starts in screened:
         hypothesis = starts[0].hypothesis
         if hypothesis.name not in names:

@@ -19,7 +19,7 @@ OTHERS_STARTS = Count(2, "starts", "rolled out of any other candidate")
 FINALISTS = Count(3, "candidates", "that are fitted on all motion; twice as many where nuisances reach the floor")
 COMPARABLE = Threshold(4.0, "1", "times the best cost: what is further off after its first fit is not fitted again")
 RACE_ROLLOUTS = (
-    Count(1, "roll-outs", "of every candidate in the first round of the race, beside those of its derivatives"),
+    Count(2, "roll-outs", "of every candidate in the first round of the race, beside those of its derivatives"),
     Count(3, "roll-outs", "of the better half in the second"),
     Count(6, "roll-outs", "of the better half of these in the third"),
     Count(12, "roll-outs", "of those that are left"),

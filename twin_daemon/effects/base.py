@@ -168,6 +168,8 @@ class Effect(ABC):
     stands_for: ClassVar[StandsFor | None] = None
     """What is uncertain about any nominal model and moves in its place: a fit of the effect holds it."""
     excludes: ClassVar[tuple[str, ...]] = ()
+    reads_nominal_error: ClassVar[bool] = False
+    """Whether `suggested` is given the error of the nominal model, not what its uncertain parameters leave of that."""
     neutral_within_rad: ClassVar[float] = 1e-6
     """How far a motion may change by the effect at neutral values."""
 

@@ -5,10 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Story
 from twin_daemon.effects.edits import add_joint_tendon
 
 _SLACK = 1e-8  # N m/rad: the weakest spring that can still hold a preload
+
+_LEAST_SHARE = 0.003  # of the servo's stiffness: a start that only pulls
 
 
 class Spring(Effect):
@@ -40,12 +44,21 @@ class Spring(Effect):
         remedy="Balance the tendons' pretension, reroute the cable, check the return spring.",
         excitation="holds at several angles across the range, each reached from both sides",
     )
+    reads_nominal_error = True
     confusable = ("gravity_tilt", "payload", "actuator_gain", "sensor_gain", "sensor_offset", "nonlinear_spring")
 
     def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:
         stiffness = values["stiffness"] + _SLACK
         rest = values["preload"] / stiffness
         add_joint_tendon(spec, f"{place.joint}_spring", {place.joint: 1.0}, stiffness=stiffness, rest=(rest, rest))
+
+    def suggested(self, scale: Scale, angle: np.ndarray, gap: np.ndarray) -> tuple[dict[str, float], ...]:
+        """The line through the torque over the angle; the servo is a spring that shows the torque as an error."""
+        slope, pull = np.polyfit(angle, gap, 1)
+        return (
+            {"stiffness": scale.kp * max(-float(slope), 0.003), "preload": scale.kp * float(pull)},
+            *self.starts(scale),
+        )
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
         k, pull = 0.03 * scale.kp, 0.01 * scale.kp
