@@ -17,7 +17,7 @@ from twin_daemon.effects import BUILT_IN
 from twin_daemon.hand import load_hand
 from twin_daemon.plant import FOREIGN, parse_hidden
 
-_FEW = ("none-1", "actuator_lag-mild")
+_FEW = ("none-1", "sensor_offset-mild")
 
 
 def _diagnosed(name: str, folder: Path) -> dict[str, Any]:
