@@ -4,8 +4,9 @@
 
 Each stream is a life of one gate under a made-up clock: several commanders at once, with and without the right to
 command, numbers that jump or are none, requests that are old, repeated or out of order, clocks that jump, a hand that
-falls silent or says nonsense, somebody who sends past the gate. After every turn what was sent is held against the
-limits.
+falls silent or says nonsense, somebody who sends past the gate, blocked fingers, sensors that lie, a second source of
+states, a gate that is killed and started again. After every turn what was sent is held against the limits, a first
+command against what the hand has said, and the setpoints after a trip against the contact.
 """
 
 from __future__ import annotations
@@ -14,10 +15,12 @@ import argparse
 import multiprocessing
 import time
 from collections import Counter
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from bench.gate_faults import Contact, Fault, Starts
 from twin_daemon.gate.gate import Gate
 from twin_daemon.gate.identity import NOBODY, Who
 from twin_daemon.gate.limits import Limits
@@ -42,6 +45,15 @@ class Watch:
         self._velocity = np.zeros(len(limits.names))
         self._stamp_ns = 0
         self.sent = 0
+
+    @property
+    def row(self) -> np.ndarray:
+        """(c,) rad: what is in force; NaN where nothing has been sent."""
+        return self._row.copy()
+
+    def restarted(self) -> None:
+        """A gate that is a new one begins its stamps anew."""
+        self._stamp_ns = 0
 
     def idle(self) -> None:
         """Nothing is under way: the hand may be moved by others, and the next command starts anew."""
@@ -87,13 +99,28 @@ class Watch:
             assert found is None, str(found)
 
 
+class _Latched:
+    """A latch that outlives its gate, in memory: the one on disk is tested with real processes."""
+
+    def __init__(self) -> None:
+        self.why: str | None = None
+
+    def set(self, why: str, still: Callable[[], bool]) -> None:
+        self.why = why if still() else self.why
+
+    def clear(self) -> None:
+        self.why = None
+
+
 class Stream:
     """One life of a gate under random treatment. The same seed gives the same life."""
 
     def __init__(self, twin: TwinModel, seed: int) -> None:
         self.rng = np.random.default_rng(seed)
         settings = GateSettings(rate_hz=float(self.rng.choice([50.0, 125.0, 500.0])), lease_s=5.0, jump_rad=0.5)
-        self.gate = Gate(twin, settings, session="s")
+        self._twin, self._settings = twin, settings
+        self._latch = _Latched()
+        self.gate = self._begun()
         self.dt_s = 1.0 / settings.rate_hz
         self.names = self.gate.limits.names
         preview = Preview(twin, settings.collision_depth_m)
@@ -105,24 +132,86 @@ class Stream:
         self.heard_s = np.full(len(twin.joints), -np.inf)
         self.mute_until_s = 0.0
         self.answers: Counter[str] = Counter()
+        self.fault = Fault(twin, self.rng)
+        # half of them without other trouble, or hardly a finger would ever press for long
+        self.steady = self.rng.random() < 0.5
+        self.contact = Contact(self.gate.limits)
+        parts = [[twin.joints.index(j) for j in info.joints] for info in twin.hand.description.commands.values()]
+        self.starts = Starts(self.gate.limits, settings.start_tolerance_rad, parts)
+        self.said = self.pose.copy()
+        self.held = np.full(len(self.names), np.nan)  # what the hand was sent last
+
+    def _begun(self) -> Gate:
+        gate = Gate(self._twin, self._settings, self._witness, session="s", latch=self._latch)  # type: ignore[arg-type]
+        gate.clock = lambda: self.now_s
+        return gate
+
+    def _witness(self, entry: dict[str, Any]) -> None:
+        self.contact.witness(entry, self.now_s)
+
+    def _restart(self) -> None:
+        """Killed, and started again: stopped where it was, else read-only, and with nobody's lease."""
+        stopped = self.gate.status(self.now_s)["mode"] == "stopped"
+        self.gate = self._begun()
+        status = self.gate.status(self.now_s)
+        assert status["mode"] == ("stopped" if stopped else "read_only"), "a restart lost the latch, or armed"
+        assert status["commander"] is None
+        assert self.gate.turn(self.now_s, self.wall_ns) is None, "sent after a restart"
+        self.watch.idle()
+        self.watch.restarted()
+        self.contact = Contact(self.gate.limits)
+        self.held[:] = np.nan  # of what was sent before it this gate knows nothing
+        self.heard_s[:] = -np.inf
+        self.answers["restarts"] += 1
 
     def run(self, commands: int) -> Counter[str]:
         """So many requests, with turns of the clock between them."""
         self._hear()
         for _ in range(commands):
             self._ask()
+            if self.rng.random() < 0.001:
+                self._restart()
             for _ in range(int(self.rng.integers(0, 4))):
                 self._turn()
+        if self.fault.kind == "blocked":
+            self._press()
         for _ in range(200):  # whatever was under way comes to rest
             self.mute_until_s = np.inf
             self._turn()
         assert not self.gate.status(self.now_s)["moving"], "still moving with the hand silent"
         self.answers["sent"] = self.watch.sent
+        self.answers["first commands"] = self.starts.looked_at
+        self.answers["contacts let go"] = self.contact.trips
+        if self.fault.begun:
+            self.answers[f"fault: {self.fault.kind}"] = 1
         return self.answers
+
+    def _press(self) -> None:
+        """Sends a finger on and on against what blocks it; the gate ends that, and the finger is let go."""
+        self.steady, self.mute_until_s = True, 0.0
+        for _ in range(round(2.1 / self.dt_s)):  # doubts of before are over, and the sensor is heard
+            self._turn()
+        for verb in ("release", "disarm", "arm"):
+            self._say(verb, **({} if verb == "disarm" else {"reason": "press"}))
+        for number in range(round(4.0 / self.dt_s)):
+            if number % 2 == 0 and self.gate.status(self.now_s)["mode"] == "armed":
+                self._say("target", targets=self._beyond())
+            self._turn()
+
+    def _say(self, verb: str, **body: Any) -> None:
+        self.sequence += 1
+        common = {"session": "s", "sequence": self.sequence, "stamp_ns": self.wall_ns, "lease": self.lease}
+        answer = self.gate.ask(verb, _made(verb, common, **body), PEOPLE[0], self.now_s, self.wall_ns)
+        self.lease = answer.get("lease", self.lease)
+
+    def _beyond(self) -> dict[str, float]:
+        pressed = self.fault.command
+        column = self.names.index(pressed)
+        return {pressed: min(float(self.gate._start()[column]) + 0.2, float(self.gate.limits.upper[column]))}
 
     def _turn(self) -> None:
         rng = self.rng
-        kind = rng.random()
+        kind = 0.0 if self.steady else rng.random()
         since_s = self.dt_s if kind < 0.9 else float(rng.choice([0.0, 1e-5, 0.3 * self.dt_s, 2 * self.dt_s, 0.05, 0.4]))
         self.now_s += since_s
         self.wall_ns += int(since_s * 1e9)
@@ -135,30 +224,45 @@ class Stream:
             stray = rng.normal(size=len(self.names))
             self.gate.seen(int(self.wall_ns), self.names, stray, self.now_s)
             self.watch.displaced()
+            self.held[:] = np.nan  # from here on the hand is another's
+        heard = self.now_s - float(self.heard_s.min()) < self.dt_s
+        self.contact.look(self.fault, self.held, self.now_s, heard)
         idle = not self.gate.active
         if idle:
             self.watch.idle()
-        start = self.gate._start()
+        start, before = self.gate._start(), self.watch.row
+        if self.gate._last_turn_s is None:  # it lets go of what it held before: a first turn is as long as any
+            since_s = self.dt_s
         sent = self.gate.turn(self.now_s, self.wall_ns)
         if idle:
             assert sent is None, "sent without being armed"
             return
-        self.watch.turn(sent, since_s, start, self.pose, look=rng.random() < 0.1)
+        self.watch.turn(sent, since_s, start, self.said, look=rng.random() < 0.1)
+        row = self.watch.row
+        fresh = np.isfinite(row) & ~np.isfinite(before)
+        if self.gate.status(self.now_s)["motion"] is not None:  # else it lets go of where it has held the hand before
+            self.starts.look(fresh, row, self.gate.limits.velocity * self.dt_s, self.now_s)
+        self.held = np.where(np.isfinite(row), row, self.held)
         if sent is not None:
             for name, value in zip(sent.names, sent.position, strict=True):
                 driven = self.hand.description.commands[name].joints
                 for joint in driven:
                     place = self.joints.index(joint)
                     self.pose[place] += 0.5 * (value / len(driven) - self.pose[place])
+            self.fault.held(self.pose)
 
     def _hear(self) -> None:
         if self.now_s < self.mute_until_s:
             return
-        said = self.pose.copy()
+        self.fault.maybe_begin(self.pose)
+        self.fault.speak_beside(self.gate, self.now_s)
+        said = self.fault.said(self.pose)
         self.heard_s[:] = self.now_s
         if self.rng.random() < 0.001:
             said[self.rng.integers(len(said))] = self.rng.choice([np.nan, 1e3])
         self.gate.measured(said, self.heard_s)
+        self.said = np.where(np.isfinite(said), said, self.said)
+        self.starts.heard(said, self.now_s)
 
     def _ask(self) -> None:
         rng = self.rng
@@ -167,12 +271,14 @@ class Stream:
         verbs = ("target", "target", "target", "move", "trajectory", "beat", "beat", "disarm", "stop", "arm", "release")
         weights = np.array([8, 8, 8, 2, 1, 4, 4, 0.1, 0.1, 0.5, 0.2])
         verb = likely if likely and rng.random() < 0.5 else str(rng.choice(verbs, p=weights / weights.sum()))
-        who = PEOPLE[0] if rng.random() < 0.8 else PEOPLE[int(rng.integers(len(PEOPLE)))]
+        who = PEOPLE[0] if self.steady or rng.random() < 0.8 else PEOPLE[int(rng.integers(len(PEOPLE)))]
         self.sequence += 1
         common: dict[str, Any] = {
             "session": "s" if rng.random() < 0.98 else "old",
             "sequence": self.sequence if rng.random() < 0.97 else int(rng.integers(0, self.sequence)),
-            "stamp_ns": self.wall_ns + int(rng.choice([0, 0, 0, 0, 0, 0, 0, 0, 0, 10**10]) * rng.choice([-1, 1])),
+            "stamp_ns": self.wall_ns
+            if self.steady
+            else self.wall_ns + int(rng.choice([0, 0, 0, 0, 0, 0, 0, 0, 0, 10**10]) * rng.choice([-1, 1])),
         }
         if verb not in ("stop", "release") and rng.random() < 0.99:
             common["lease"] = self.lease
@@ -202,6 +308,8 @@ class Stream:
         rng = self.rng
         names = [str(name) for name in rng.choice(self.names, size=int(rng.integers(1, 6)), replace=False)]
         start = dict(zip(self.names, self.gate._start().tolist(), strict=True))
+        if self.fault.wall is not None and rng.random() < 0.7:
+            return self._beyond()
         size = float(rng.choice([0.02, 0.2, 0.6]))
         found = {name: start[name] + float(rng.normal(0.0, size)) for name in names}
         kind = rng.random()
@@ -247,7 +355,7 @@ def main() -> None:
         for number, counted in enumerate(pool.imap_unordered(_many, jobs), start=1):
             total += counted
             print(f"\r{number * 50 * arguments.length} commands", end="", flush=True)
-    print(f"\r{streams} streams, {streams * arguments.length} commands, {total.pop('sent')} sent, none beyond a limit")
+    print(f"\r{streams} streams, {streams * arguments.length} commands, {total.pop('sent')} sent, none unsafe")
     for kind, number in total.most_common():
         print(f"  {kind:12s} {number}")
     print(f"{time.perf_counter() - began:.0f} s")

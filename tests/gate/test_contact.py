@@ -80,6 +80,18 @@ def test_a_blocked_finger_trips_and_lets_go(twin: TwinModel, target: float, seco
     assert not rig.status["moving"]
 
 
+def test_whoever_arms_again_at_once_does_not_keep_it_from_letting_go(twin: TwinModel) -> None:
+    rig = PlantRig(twin, [BLOCKED])
+    rig.arm()
+    assert rig.ask("move", targets={"rh_FFJ3": 1.2}, seconds=0.65)["accepted"]
+    rig.until_it_ends(10.0)
+    rig.arm()
+    rig.turn()
+    rig.ask("stop")
+    rig.turns(1.0)
+    assert abs(rig.setpoint() - rig.measured()) < 0.03
+
+
 def test_it_trips_within_150_ms_of_being_farther_than_expected(twin: TwinModel) -> None:
     rig = PlantRig(twin, [BLOCKED])
     rig.arm()

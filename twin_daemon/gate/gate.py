@@ -247,7 +247,8 @@ class Gate:
                 self._lease = Lease(asked.who.name, asked.reason, now_s + asked.lease_s, now_s, asked.sequence)
             self._mode, self._ended = "armed", ""
             self._first_sent_s = -np.inf
-            self._path = Path(len(self.limits.names))
+            if not self._shaper.given.any():  # what still lets go may need the whole way back
+                self._path = Path(len(self.limits.names))
             if self._shaper.still:  # else the turns go on, and with them the time between two
                 self._last_turn_s = now_s
             self._trips.forget()
