@@ -104,7 +104,7 @@ class Contact:
         if np.isfinite(setpoint[column]):
             self.trips += 1
             beyond = float(setpoint[column] - max(fault.wall, self._limits.lower[column]))
-            most = max(float(self._limits.margin[column]), _SAG_RAD) + _EPS_RAD
+            most = float(self._limits.margin[column]) + _SAG_RAD + _EPS_RAD
             assert beyond <= most, f"{fault.command} is sent {beyond:.3f} rad beyond its contact after a trip"
 
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from twin_daemon.cli.options import HandName, Model, Seconds, VersionRef
-from twin_daemon.cli.run import AUDIT, Endpoint, Namespace, hand_folder, load_named, machine_keyring
+from twin_daemon.cli.run import AUDIT, SWITCH_S, Endpoint, Namespace, hand_folder, load_named, machine_keyring
 from twin_daemon.cli.session import silence_mujoco
 from twin_daemon.errors import BadInput, TwinError
 
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 log = logging.getLogger("twin.gate")
 
 LATCH, LOCK = "stopped.json", "gate.lock"
-_SWITCH_S = 1e-4
 _SOON_S = 0.02
 _HANGS_S = 1.5  # the gate's thread comes round twice a second where nothing moves
 _LOCK_S = 5.0  # the gate of a daemon that was killed needs so long to bring the hand to rest and end
@@ -154,7 +153,7 @@ def _serve(
         log.info("the gate of %s %s, version %s", description.namespace, where, info["id"])
         gc.collect()
         gc.freeze()  # what is here stays: the collector need not walk through it while a turn waits
-        sys.setswitchinterval(_SWITCH_S)
+        sys.setswitchinterval(SWITCH_S)
         notifier = Notifier()
         link.tell_status(keeper.status())
         ready()

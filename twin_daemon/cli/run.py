@@ -42,7 +42,7 @@ Namespace = Annotated[
     str | None, typer.Option("--namespace", metavar="NS", help="First part of the keys; default the hand's name.")
 ]
 _POLL_S = 1.0
-_SWITCH_S = 1e-4
+SWITCH_S = 1e-4
 _GATE_S = 20.0  # a gate that is a unit of its own may start later
 AUDIT = "audit.jsonl"
 
@@ -175,7 +175,7 @@ def command(
         gc.collect()
         gc.freeze()  # what is here stays: the collector need not walk through it while samples wait
         # a thread that works in Python keeps the others waiting for so long; a sample is not to notice
-        sys.setswitchinterval(_SWITCH_S)
+        sys.setswitchinterval(SWITCH_S)
         notifier.say("READY=1")
         bridge.run(stop, seconds, each_turn=_chores(service, promotions, tend, diagnoser, recalibrator))
         notifier.say("STOPPING=1")
