@@ -84,3 +84,10 @@ def test_a_sequence_too_large_is_refused_and_locks_nobody_out(rig: Rig) -> None:
     ask_elsewhere(rig, "recalibrate", sequence=rig.wall_ns)
     assert rig.ask("beat")["accepted"]
     assert rig.ask("beat", sequence=rig.sequence)["check"] == "order"
+
+
+def test_a_request_of_before_a_restart_says_so_and_what_to_do(rig: Rig) -> None:
+    answer = rig.ask("arm", reason="a test", session="before")
+    assert (answer["accepted"], answer["check"]) == (False, "session")
+    assert answer["why"] == "the gate was started again since this request was prepared"
+    assert answer["allowed"] == "the session that status tells"
