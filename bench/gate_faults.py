@@ -16,9 +16,6 @@ KINDS = ("none", "degrees", "frozen", "reversed", "blocked", "blocked", "second 
 _LET_GO_S = 1.5  # for the setpoints to go back, and to follow what springs back
 _EPS_RAD = 1e-6
 _ROOM_RAD = 0.7
-_SAG_RAD = (
-    0.1  # a motion begins where the hand was told to be, if it is so near; no unproven sensor calls it back farther
-)
 
 
 def _alone(twin: TwinModel) -> dict[str, CommandInfo]:
@@ -78,10 +75,14 @@ class Fault:
 
 
 class Contact:
-    """Counts trips beside a blocked joint, and setpoints that stay beyond its contact after them."""
+    """Counts trips beside a blocked joint, and setpoints that stay beyond its contact after them.
 
-    def __init__(self, limits: Limits) -> None:
-        self._limits = limits
+    A motion may begin `start_tolerance_rad` from where the hand is, and an unproven sensor calls setpoints
+    back no farther than that.
+    """
+
+    def __init__(self, limits: Limits, start_tolerance_rad: float) -> None:
+        self._limits, self._tolerance_rad = limits, start_tolerance_rad
         self._tripped_s: float | None = None
         self.trips = 0
 
@@ -104,7 +105,7 @@ class Contact:
         if np.isfinite(setpoint[column]):
             self.trips += 1
             beyond = float(setpoint[column] - max(fault.wall, self._limits.lower[column]))
-            most = float(self._limits.margin[column]) + _SAG_RAD + _EPS_RAD
+            most = float(self._limits.margin[column]) + self._tolerance_rad + _EPS_RAD
             assert beyond <= most, f"{fault.command} is sent {beyond:.3f} rad beyond its contact after a trip"
 
 

@@ -135,7 +135,7 @@ class Stream:
         self.fault = Fault(twin, self.rng)
         # half of them without other trouble, or hardly a finger would ever press for long
         self.steady = self.rng.random() < 0.5
-        self.contact = Contact(self.gate.limits)
+        self.contact = Contact(self.gate.limits, self._settings.start_tolerance_rad)
         parts = [[twin.joints.index(j) for j in info.joints] for info in twin.hand.description.commands.values()]
         self.starts = Starts(self.gate.limits, settings.start_tolerance_rad, parts)
         self.said = self.pose.copy()
@@ -159,7 +159,7 @@ class Stream:
         assert self.gate.turn(self.now_s, self.wall_ns) is None, "sent after a restart"
         self.watch.idle()
         self.watch.restarted()
-        self.contact = Contact(self.gate.limits)
+        self.contact = Contact(self.gate.limits, self._settings.start_tolerance_rad)
         self.held[:] = np.nan  # of what was sent before it this gate knows nothing
         self.heard_s[:] = -np.inf
         self.answers["restarts"] += 1
