@@ -259,7 +259,7 @@ class PartFit:
         shift = float(np.mean(shifts)) if shifts else 0.0
         moved = [r.with_onset(r.onset_s + shift) for r in recordings]
         variables, point = tuple(every[i] for i in kept), fit.point[kept]
-        if adjusted:
+        if adjusted and kept:
             problem = Posterior(fit.problem.twin, moved, variables, self.joints, self.floor)
             point = _adjusted(problem, point, conditional_information(fit.slopes, kept) / max(1.0, fit.chi_square))
         fine = fit.problem.twin.at_step(FINER_STEP * float(fit.problem.twin.model.opt.timestep))

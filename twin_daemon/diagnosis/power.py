@@ -18,9 +18,11 @@ from twin_daemon.executor import concurrently
 def undetectable(part: PartFit) -> list[str]:
     """The effects, weak ones, that would have drowned in what is uncertain anyway, if they are more than a third.
 
-    Empty where the motion is rich enough. The power of a test: each effect at its weakest start, at the servos of the
+    Empty where the motion is rich enough, or where somebody has said which errors matter. The power of a test: each effect at its weakest start, at the servos of the
     joints that move, less what the nuisances could do instead.
     """
+    if part.twin.hand.description.tolerance_rad is not None:
+        return []  # errors that do not matter need not be seen
     servos = zip(part.twin.actuators, part.twin.driven, strict=True)
     driving = [servo for servo, driven in servos if set(driven) & set(part.joints)]
     asked = [h for h in hypotheses(part.twin, part.joints, whole_hand=False) if h.target in driving]

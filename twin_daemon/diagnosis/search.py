@@ -81,6 +81,7 @@ def diagnose(
     for reduced, part in above:
         if not judged & set(reduced.joints):
             outcomes.append(replace(_begun(reduced, part), unfinished=True))
+    interrupted = interrupted or any(outcome.unfinished for outcome in outcomes)
     return conclude(twin, train, outcomes, touching, interrupted, findings)
 
 
