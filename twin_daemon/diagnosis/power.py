@@ -18,8 +18,8 @@ from twin_daemon.executor import concurrently
 def undetectable(part: PartFit) -> list[str]:
     """The effects, weak ones, that would have drowned in what is uncertain anyway, if they are more than a third.
 
-    Empty where the motion is rich enough, or where somebody has said which errors matter. The power of a test: each effect at its weakest start, at the servos of the
-    joints that move, less what the nuisances could do instead.
+    Empty where the motion is rich enough, or where somebody has said which errors matter. The power of a test: each
+    effect at its weakest start, at the servos of the joints that move, less what the nuisances could do instead.
     """
     if part.twin.hand.description.tolerance_rad is not None:
         return []  # errors that do not matter need not be seen
