@@ -57,7 +57,8 @@ class Scene:
     def _state(self, sample: zenoh.Sample) -> None:
         state = cdr.decode(sample.payload.to_bytes())
         self.measured = dict(zip(state.names, state.position.tolist(), strict=True))
-        self.effort.append((time.monotonic(), float(state.effort[state.names.index("rh_FFJ3")])))
+        if len(state.effort):  # a second source has none
+            self.effort.append((time.monotonic(), float(state.effort[state.names.index("rh_FFJ3")])))
 
     def commander(self, name: str = "operator") -> Commander:
         return Commander(self.session, self.description, load_keyring(self.keys), name)
