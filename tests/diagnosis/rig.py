@@ -13,6 +13,7 @@ from twin_daemon.simulation.twin import TwinModel
 
 SERVOS = ("left", "middle", "right")
 DELAY_S = 0.03
+FRICTION_N_M = 0.1
 
 _LINK = """<body name="{0}_link" pos="0 {1} 0">
 <joint name="{0}" axis="0 0 1" range="-1.5 1.5" damping="0.05" armature="0.004" frictionloss="0.01"/>
@@ -35,6 +36,16 @@ def rig_model(folder: Path) -> Path:
         f"<actuator>{servos}</actuator></mujoco>"
     )
     return path
+
+
+def rubbing_rig(folder: Path) -> tuple[Path, Path]:
+    """(the MJCF of a rig that states no dry friction, a bag of one whose left joint has it)."""
+    model = rig_model(folder)
+    model.write_text(model.read_text().replace(' frictionloss="0.01"', ""))
+    rubs = EffectTerm(effect="coulomb_friction", target="left", values={"friction": FRICTION_N_M, "sticking": 0.0})
+    plant = TwinModel.load(load_hand(model=model)).changed(Terms(effects=(rubs,)))
+    made = recorded(plant, _MOTION, np.random.default_rng(5), seconds=6.0, noise_rad=3e-4)
+    return model, saved(made, folder / "rubs.mcap")
 
 
 def late_rig(folder: Path) -> tuple[Path, Path]:

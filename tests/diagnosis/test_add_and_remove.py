@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.diagnosis.conftest import GAP_RAD, JOINT, called
+from tests.diagnosis.rig import FRICTION_N_M, rubbing_rig
 from twin_daemon.cli.app import main
 from twin_daemon.simulation.rollout import roll_out
 from twin_daemon.simulation.terms import Terms
@@ -48,6 +49,16 @@ def test_an_effect_is_fitted_beside_what_is_uncertain(played: Path, tmp_path: Pa
     assert result["after"]["mse_rad2"] < result["before"]["mse_rad2"]
     assert result["holdout_after"]["mse_rad2"] < result["holdout_before"]["mse_rad2"]
     assert [t["effect"] for t in result["terms"]["effects"]] == ["backlash"]
+
+
+def test_friction_is_fitted_to_a_model_that_states_none(tmp_path: Path) -> None:
+    """One of the effect's usual starts takes friction away: here there is none to take."""
+    model, bag = rubbing_rig(tmp_path)
+    arguments = ("--model", str(model), "--recording", str(bag))
+    added = called("add", "coulomb_friction", "--joint", "left", *arguments, result=tmp_path / "added.json")
+    low, high = added["parameters"]["coulomb_friction:left.friction"]["ci95"]
+    assert low <= FRICTION_N_M <= high
+    assert added["after"]["mse_rad2"] < 0.2 * added["before"]["mse_rad2"]
 
 
 def test_what_is_set_is_not_fitted(sound: Path, tmp_path: Path) -> None:

@@ -194,15 +194,21 @@ def _fit(
     spoken = {name for h in hypotheses for name in h.speaks_for(small)}
     nuisances = beside(nuisance_variables(small, pieces, joints), spoken)
     offsets = {joint for h in hypotheses for joint in h.holds_offset()}
-    trials = []
+    trials: list[tuple[float, int, Posterior]] = []
+    refused: BadInput | None = None
     for number in range(max((len(h.starts) for h in hypotheses), default=1)):
         terms, variables = small.terms, []
         for h in hypotheses:
             start = {**h.starts[min(number, len(h.starts) - 1)], **given}
             terms = terms.with_effect(h.term(start))
             variables += [v for v in h.variables(start) if v.parameter not in given]
+        try:
+            begun = small.changed(terms)
+        except BadInput as error:  # a start that this model has no room for, such as less friction than none
+            refused = error
+            continue
         problem = Posterior(
-            small.changed(terms),
+            begun,
             pieces,
             (*variables, *nuisances),
             joints,
@@ -213,6 +219,8 @@ def _fit(
         )
         rows = problem.residuals(problem.start[None])[0]
         trials.append((float(rows @ rows), number, problem))
+    if not trials and refused is not None:
+        raise refused
     trials.sort(key=lambda trial: trial[:2])
     return min((_descended(problem) for _, _, problem in trials[:REFIT_STARTS]), key=lambda fit: fit.cost)
 
