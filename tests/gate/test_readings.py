@@ -70,6 +70,26 @@ def test_a_sensor_that_lies_ends_the_motion_before_it_has_gone_far(
     assert not rig.status["moving"]
 
 
+@pytest.mark.parametrize("seconds", [0.8, 1.5, None])
+def test_a_reversed_sensor_is_told_before_the_joint_has_left_its_range(twin: TwinModel, seconds: float | None) -> None:
+    rig = LyingRig(twin, ["reversed:rh_FFJ3"])
+    rig.arm()
+    assert rig.ask("move", targets={"rh_FFJ3": 1.4}, seconds=seconds)["accepted"]
+    rig.until_it_ends(5.0)
+    assert rig.entries[-1]["check"] == "wrong_way"
+    assert rig.measured() > twin.hand.joint_range_rad["rh_FFJ3"][0]
+
+
+def test_where_the_site_waits_for_longer_the_range_ends_it_and_the_cause_is_told(twin: TwinModel) -> None:
+    """Half a second at 0.8 rad/s is 0.4 rad: the reading is beyond its range by the tolerance before."""
+    rig = LyingRig(twin, ["reversed:rh_FFJ3"], tracking_time_s=0.5)
+    rig.arm()
+    assert rig.ask("move", targets={"rh_FFJ3": 1.2}, seconds=1.5)["accepted"]
+    rig.until_it_ends(5.0)
+    assert rig.entries[-1]["check"] == "implausible"
+    assert "its sensor is reversed; rh_FFJ3 reads -0.4" in rig.status["ended"]
+
+
 @pytest.mark.parametrize("pair", ["dead:rh_FFJ1", "reversed:rh_FFJ1", "reversed:rh_FFJ2"])
 def test_one_lying_sensor_of_a_pair_is_noticed(twin: TwinModel, pair: str) -> None:
     rig = LyingRig(twin, [pair])

@@ -54,6 +54,7 @@ class Trips:
         self._settings = settings
         self.tracking = Tracking(hand, settings)
         self.response = Response(self.tracking)
+        self._command_of = {joint: name for name, info in hand.description.commands.items() for joint in info.joints}
         self.effort_limit: dict[str, float] = {}
         for name, most in settings.effort_limit.items():
             joint = match(name, hand.joints)
@@ -118,7 +119,15 @@ class Trips:
         return None
 
     def _implausible(self, turn: Turn) -> Trip | None:
-        return Trip("implausible", turn.doubts[0].why) if turn.doubts else None
+        """With the cause where the motion has shown it already, and the site's `tracking_time_s` waits for longer."""
+        if not turn.doubts:
+            return None
+        doubt = turn.doubts[0]
+        command = self._command_of.get(doubt.joint)
+        cause = None if command is None else self.response.cause(command)
+        if cause is None or cause.kind != "wrong_way":
+            return Trip("implausible", doubt.why)
+        return Trip("implausible", f"{cause.why}; {doubt.why}")
 
     def _response(self, turn: Turn) -> Trip | None:
         found = self.response.look(turn.measured, turn.arrival_s)
