@@ -77,14 +77,20 @@ class Fault:
 class Contact:
     """Counts trips beside a blocked joint, and setpoints that stay beyond its contact after them.
 
-    A motion may begin `start_tolerance_rad` from where the hand is, and an unproven sensor calls setpoints
-    back no farther than that.
+    Beyond is more than the margin that holds links up, and more than the least setpoint since the gate was idle:
+    a sensor that has not proved itself calls no setpoint to where none has been.
     """
 
-    def __init__(self, limits: Limits, start_tolerance_rad: float) -> None:
-        self._limits, self._tolerance_rad = limits, start_tolerance_rad
+    def __init__(self, limits: Limits) -> None:
+        self._limits = limits
         self._tripped_s: float | None = None
+        self._least = np.full(len(limits.names), np.inf)
         self.trips = 0
+
+    def sent(self, setpoint: np.ndarray) -> None:
+        """The setpoints (c,) rad in force from now on; NaN where there is none."""
+        given = np.isfinite(setpoint)
+        self._least = np.where(given, np.minimum(self._least, setpoint), np.inf)
 
     def witness(self, entry: dict[str, object], now_s: float) -> None:
         """Every decision of the gate."""
@@ -105,8 +111,11 @@ class Contact:
         if np.isfinite(setpoint[column]):
             self.trips += 1
             beyond = float(setpoint[column] - max(fault.wall, self._limits.lower[column]))
-            most = float(self._limits.margin[column]) + self._tolerance_rad + _EPS_RAD
-            assert beyond <= most, f"{fault.command} is sent {beyond:.3f} rad beyond its contact after a trip"
+            most = float(self._limits.margin[column]) + _EPS_RAD
+            all_the_way = setpoint[column] <= self._least[column] + _EPS_RAD
+            assert beyond <= most or all_the_way, (
+                f"{fault.command} is sent {beyond:.3f} rad beyond its contact after a trip"
+            )
 
 
 class Starts:

@@ -135,7 +135,7 @@ class Stream:
         self.fault = Fault(twin, self.rng)
         # half of them without other trouble, or hardly a finger would ever press for long
         self.steady = self.rng.random() < 0.5
-        self.contact = Contact(self.gate.limits, self._settings.start_tolerance_rad)
+        self.contact = Contact(self.gate.limits)
         parts = [[twin.joints.index(j) for j in info.joints] for info in twin.hand.description.commands.values()]
         self.starts = Starts(self.gate.limits, settings.start_tolerance_rad, parts)
         self.said = self.pose.copy()
@@ -159,7 +159,7 @@ class Stream:
         assert self.gate.turn(self.now_s, self.wall_ns) is None, "sent after a restart"
         self.watch.idle()
         self.watch.restarted()
-        self.contact = Contact(self.gate.limits, self._settings.start_tolerance_rad)
+        self.contact = Contact(self.gate.limits)
         self.held[:] = np.nan  # of what was sent before it this gate knows nothing
         self.heard_s[:] = -np.inf
         self.answers["restarts"] += 1
@@ -230,6 +230,7 @@ class Stream:
         idle = not self.gate.active
         if idle:
             self.watch.idle()
+            self.contact.sent(self.watch.row)
         start, before = self.gate._start(), self.watch.row
         if self.gate._last_turn_s is None:  # it lets go of what it held before: a first turn is as long as any
             since_s = self.dt_s
@@ -239,6 +240,7 @@ class Stream:
             return
         self.watch.turn(sent, since_s, start, self.said, look=rng.random() < 0.1)
         row = self.watch.row
+        self.contact.sent(row)
         fresh = np.isfinite(row) & ~np.isfinite(before)
         if self.gate.status(self.now_s)["motion"] is not None:  # else it lets go of where it has held the hand before
             self.starts.look(fresh, row, self.gate.limits.velocity * self.dt_s, self.now_s)

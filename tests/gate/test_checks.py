@@ -66,6 +66,17 @@ def elsewhere(rig: Rig) -> Rig:
     return rig
 
 
+def letting_go(rig: Rig) -> Rig:
+    """Stopped in full motion, and armed again at once."""
+    rig.arm()
+    rig.ask("move", targets={"rh_FFJ3": 0.5})
+    rig.turns(0.2)
+    rig.ask("stop")
+    rig.ask("release", reason="a test")
+    rig.arm()
+    return rig
+
+
 SMALL = {"rh_FFJ3": 0.1}
 SCENARIOS: dict[tuple[str, str], Scenario] = {
     ("identity_proved", "arm"): lambda rig: rig.ask("arm", None, reason="x"),
@@ -93,6 +104,7 @@ SCENARIOS: dict[tuple[str, str], Scenario] = {
             "joints_are_heard": lambda rig, verb=verb: one_joint_silent(rig).ask(verb, targets=SMALL),
             "readings_can_be": lambda rig, verb=verb: unlikely(rig).ask(verb, targets=SMALL),
             "starts_at_hand": lambda rig, verb=verb: elsewhere(rig).ask(verb, targets=SMALL),
+            "has_let_go": lambda rig, verb=verb: letting_go(rig).ask(verb, targets=SMALL),
             "inside_bounds": lambda rig, verb=verb: armed(rig).ask(verb, targets={"rh_WRJ2": 0.2}),
         }.items()
     },
@@ -105,6 +117,7 @@ SCENARIOS: dict[tuple[str, str], Scenario] = {
     ("joints_are_heard", "trajectory"): lambda rig: one_joint_silent(rig).ask("trajectory", **plan([[0.0], [0.3]])),
     ("readings_can_be", "trajectory"): lambda rig: unlikely(rig).ask("trajectory", **plan([[0.0], [0.3]])),
     ("starts_at_hand", "trajectory"): lambda rig: elsewhere(rig).ask("trajectory", **plan([[0.0], [0.3]])),
+    ("has_let_go", "trajectory"): lambda rig: letting_go(rig).ask("trajectory", **plan([[0.0], [0.3]])),
     ("inside_bounds", "trajectory"): lambda rig: armed(rig).ask("trajectory", **plan([[0.0], [1.7]])),
     ("not_too_fast", "trajectory"): lambda rig: armed(rig).ask("trajectory", **plan([[0.0], [1.5]], 0.1)),
     ("no_collision", "trajectory"): lambda rig: armed(rig).ask(

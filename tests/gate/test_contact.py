@@ -92,6 +92,41 @@ def test_whoever_arms_again_at_once_does_not_keep_it_from_letting_go(twin: TwinM
     assert abs(rig.setpoint() - rig.measured()) < 0.03
 
 
+def test_no_motion_begins_while_the_hand_lets_go(twin: TwinModel) -> None:
+    """It would begin from setpoints beyond the contact, and leave them there."""
+    rig = PlantRig(twin, [BLOCKED])
+    rig.arm()
+    assert rig.ask("move", targets={"rh_FFJ3": 1.2}, seconds=0.65)["accepted"]
+    rig.until_it_ends(10.0)
+    rig.arm()
+    rig.turn()
+    refused = rig.ask("move", targets={"rh_MFJ3": 0.3})
+    assert refused["check"] == "letting_go"
+    rig.turns(1.0)
+    assert abs(rig.setpoint() - rig.measured()) < 0.03
+    assert rig.ask("move", targets={"rh_MFJ3": 0.3})["accepted"]
+
+
+def test_what_lies_beyond_the_limits_of_the_site_is_let_go_of_as_far_as_they_reach(twin: TwinModel) -> None:
+    rig = Rig(twin, limits={"rh_FFJ3": {"lower_rad": 0.2}})
+    rig.pose[rig.joints.index("rh_FFJ3")] = 0.3
+    rig.now_s += 1.0
+    rig.hear()
+    rig.arm()
+    rig.ask("move", targets={"rh_FFJ3": 0.6}, seconds=1.0)
+    rig.turns(1.2)
+    sent = []
+    for angle in (*np.linspace(0.6, 0.1, 60), *[0.1] * 120):  # somebody pushes it
+        rig.pose[rig.joints.index("rh_FFJ3")] = angle
+        rig.now_s += 0.008
+        rig.hear()
+        sent.append(rig.gate.turn(rig.now_s, rig.wall_ns))
+        if angle == 0.1 and rig.status["mode"] != "stopped":
+            rig.ask("stop", NOBODY)
+    assert [one.position[0] for one in sent if one is not None][-1] == pytest.approx(0.2)
+    assert not rig.gate.active
+
+
 def test_it_trips_within_150_ms_of_being_farther_than_expected(twin: TwinModel) -> None:
     rig = PlantRig(twin, [BLOCKED])
     rig.arm()

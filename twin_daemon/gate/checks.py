@@ -53,6 +53,7 @@ class Situation:
     away: Callable[[], np.ndarray]  # rad: farthest of the hand from `setpoint` in the last moments
     doubts: list[Doubt]  # readings of the last moments that cannot be
     age_s: np.ndarray  # since each command's joints were last measured; infinite before the first time
+    letting_go: bool = False  # the setpoints still go back from what the hand presses against
     doubt: str | None = None  # why what is told of the hand may not be the hand's
 
 
@@ -283,6 +284,13 @@ def joints_are_heard(asked: Asked, situation: Situation) -> Refusal | None:
     return Refusal("stale", _silence(name, age_s[worst]), f"{situation.settings.state_timeout_s:g} s at most")
 
 
+def has_let_go(_: Asked, situation: Situation) -> Refusal | None:
+    if not situation.letting_go:
+        return None
+    # a motion would begin from setpoints beyond the contact, and leave them there
+    return Refusal("letting_go", "the hand still lets go of what it pressed", "motions once it has, within a second")
+
+
 def no_collision(asked: Asked, _: Situation) -> Refusal | None:
     found = asked.collision()
     if found is None:
@@ -315,6 +323,7 @@ PLANNED: tuple[Check, ...] = (
     finite,
     joints_are_heard,
     readings_can_be,
+    has_let_go,
     has_bounds,
     inside_bounds,
     starts_at_hand,

@@ -322,7 +322,7 @@ class Gate:
         motion = self._motion
         goal = rest if motion is None else motion.advance(dt_s)
         if self._letting_go is not None:
-            goal = self.limits.clip(self._letting_go.follow(self._senses.by_command(), now_s))
+            goal = self._letting_go.follow(self._senses.by_command(), now_s)
             if self._letting_go.is_done(shaper.position, now_s):
                 self._letting_go = None
         position, velocity = shaper.toward(goal, dt_s)
@@ -383,7 +383,9 @@ class Gate:
         rest = np.where(given, shaper.stopping(shaper.position, shaper.velocity), self._sent_row)
         heard = self._senses.ages_s(now_s) <= self.settings.state_timeout_s
         measured = np.where(heard & ~self._senses.doubted(now_s), self._senses.by_command(), np.nan)
-        found = LetGo(rest, measured, self.limits.margin, self._path.bounds(), now_s)
+        low, high = self._path.bounds()
+        bounds = np.maximum(low, self.limits.lower), np.minimum(high, self.limits.upper)
+        found = LetGo(rest, measured, self.limits.margin, bounds, now_s)
         if not given.any():
             if not self._is_last or not found.is_needed:
                 return
@@ -449,6 +451,7 @@ class Gate:
             away=lambda: self._senses.farthest(start, now_s),
             doubts=self._senses.doubts(now_s),
             age_s=self._senses.ages_s(now_s),
+            letting_go=self._letting_go is not None and self._letting_go.is_needed,
             doubt=self._doubt if now_s - self._doubt_s <= _DOUBT_S else None,
         )
 

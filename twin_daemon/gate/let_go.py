@@ -58,8 +58,13 @@ class LetGo:
         self._until_s = now_s + _FOLLOWS_S
         self._low, self._high = bounds
         self.goal = self._near(rest, measured)
+        self._rest = rest
         self._way = np.sign(self.goal - rest)
-        self.is_needed = bool((np.abs(self.goal - rest) > _THERE_RAD).any())
+
+    @property
+    def is_needed(self) -> bool:
+        """Whether any setpoint goes back, and does not only stay where it comes to rest."""
+        return bool((np.abs(self.goal - self._rest) > _THERE_RAD).any())
 
     def follow(self, measured: np.ndarray, now_s: float) -> np.ndarray:
         """The goals (c,) now."""
