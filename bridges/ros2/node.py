@@ -21,6 +21,7 @@ from trajectory_msgs.msg import JointTrajectory
 from bridges import cdr
 from bridges.guard import Guard
 from bridges.residual import known_residual
+from bridges.ros2.action_goals import ActionGoals
 from bridges.ros2.commands import Commands
 from bridges.ros2.controllers import ControllerTopics
 from bridges.ros2.conversions import trajectory_message
@@ -101,6 +102,11 @@ class TwinBridge(Node):
             self.create_timer(_CONNECT_PERIOD_S, guard("the connection", self._connect), clock=steady)
             if settings.watch_controllers:
                 self._controllers = ControllerTopics(self, settings.description, self._own, self._wake.trigger, _SENSOR)
+                commanded = {
+                    settings.trajectory_topic,
+                    *map(settings.description.position_topic, settings.description.commands),
+                }
+                ActionGoals(self, set(map(self.resolve_topic_name, commanded)), self._pursued, self.guard, steady)
             Commands(self, self.requests, self.guard)
             self._diagnostics = Diagnostics(
                 self,
@@ -158,6 +164,11 @@ class TwinBridge(Node):
         self._follower.forget()
         command = JointSample(self._now_ns(), tuple(targets), np.array(list(targets.values())))
         self._foreign("position_controllers", cdr.encode(command), self._others_on(topic))
+
+    def _pursued(self, by: str) -> None:
+        """Somebody else's goal moves the hand: which targets follow from it only its controller knows."""
+        self._follower.forget()
+        self._foreign("action_goal", _NOTHING_SAID, by)
 
     def _foreign(self, form: str, payload: bytes, by: str) -> None:
         """A command past the gate: the twin follows it, and the gate learns whose it is."""

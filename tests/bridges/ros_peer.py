@@ -13,9 +13,11 @@ from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.action import ActionClient, ActionServer
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
+from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty, Float64
 from std_srvs.srv import SetBool, Trigger
@@ -30,6 +32,8 @@ class Peer(Node):
         self.heard: dict[str, list[Any]] = {"prediction": [], "residual": [], "diagnostics": []}
         self.latest: dict[str, Any] = {}
         self.copies: dict[str, Any] = {}
+        self.kept: list[Any] = []
+        self.finished = Future()
         self.create_subscription(JointState, "twin/joint_states", self._joints("prediction"), 100)
         self.create_subscription(JointState, "twin/residual", self._joints("residual"), qos_profile_sensor_data)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._diagnostics, 10)
@@ -146,6 +150,35 @@ class Peer(Node):
 
         self.create_service(SetBool if kind == "SetBool" else Trigger, name, serve)
 
+    def serve(self, name: str) -> None:
+        """An action whose goals go on until `finish`. Its type is as good as a controller's: nobody looks at it."""
+        self.finished = Future()
+
+        async def pursue(goal: Any) -> Any:
+            await self.finished
+            goal.succeed()
+            return self.action.Result()
+
+        self.kept.append(ActionServer(self, self.action, name, pursue))
+
+    def finish(self) -> None:
+        self.finished.set_result(None)
+
+    def send_goal(self, executor: SingleThreadedExecutor, name: str) -> bool:
+        """Whether a goal was accepted."""
+        client = ActionClient(self, self.action, name)
+        self.kept.append(client)
+        assert client.wait_for_server(timeout_sec=10.0)
+        accepted = client.send_goal_async(self.action.Goal())
+        executor.spin_until_future_complete(accepted, timeout_sec=10.0)
+        return accepted.result().accepted
+
+    @property
+    def action(self) -> Any:
+        from test_msgs.action import Fibonacci
+
+        return Fibonacci
+
     def trajectory(
         self, names: list[str], times_s: list[float], positions: list[list[float]], topic: str = "joint_trajectory"
     ) -> None:
@@ -183,7 +216,8 @@ def main() -> None:
                 break
             asked = json.loads(line)
             does = asked.pop("do")
-            done = peer.call(executor, **asked) if does == "call" else getattr(peer, does)(**asked)
+            spun = {"executor": executor} if does in ("call", "send_goal") else {}
+            done = getattr(peer, does)(**spun, **asked)
             print(json.dumps(done), flush=True)
         executor.spin_once(timeout_sec=0.01)
     executor.shutdown()
