@@ -130,8 +130,11 @@ def added_to(
 
 def known_effect(key: str) -> Effect:
     """The effect of the library with this key. BadInput with the nearest one."""
-    from twin_daemon.effects import LIBRARY
+    from twin_daemon.effects import LIBRARY, reload_files
 
+    broken = reload_files()
+    if key in broken:
+        raise BadInput(f"'{key}' cannot be used: {broken[key]}")
     if key not in LIBRARY:
         raise BadInput(f"no effect '{key}'", todo=nearest_effect(key, list(LIBRARY)))
     return LIBRARY[key]

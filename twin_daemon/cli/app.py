@@ -50,6 +50,7 @@ COMMANDS: dict[str, Entry] = {
         "recalibrate", "Follow the wear: refit the version in use, and decide if it is better.", OFFLINE
     ),
     "diagnose": Entry("diagnose", "Which physical effect the twin lacks, with evidence.", OFFLINE),
+    "propose": Entry("propose", "The law that is missing where no effect of the library fits.", OFFLINE),
     "add": Entry("add", "Put an effect into the twin, fitted where there are recordings.", OFFLINE),
     "remove": Entry("remove", "Take an effect out of the twin again.", OFFLINE),
     "ladder": Entry("ladder", "Diagnose, add, refit, again: watch the error fall.", OFFLINE),

@@ -35,15 +35,20 @@ def command(
     json: Json = None,
 ) -> None:
     """The library of physical effects, cheapest explanation first; with KEY, one effect in full."""
-    from twin_daemon.effects import LIBRARY
+    from twin_daemon.effects import LIBRARY, reload_files
 
     console = people(json)
+    broken = reload_files()
     if plot is not None and key is None:
         raise UsageError("--plot draws one effect", todo="Name it: twin effects KEY --plot FILE.html")
     if key is None:
         _table(console, list(LIBRARY.values()))
+        for line in broken.values():
+            console.print(f"left out: {line}", markup=False)
         emit_json(json, {"effects": [_plain(effect) for effect in LIBRARY.values()]})
         return
+    if key in broken:
+        raise BadInput(f"'{key}' cannot be used: {broken[key]}")
     if key not in LIBRARY:
         raise BadInput(f"no effect '{key}'", todo=nearest_effect(key, list(LIBRARY)))
     _explain(console, LIBRARY[key])

@@ -63,6 +63,7 @@ def open_session(
 
     `assumed` are fields of the hand's description for this command only; those of a section change it in part.
     """
+    from twin_daemon.effects import reload_files
     from twin_daemon.hand import load_hand
     from twin_daemon.simulation.terms import load_terms
     from twin_daemon.simulation.twin import TwinModel
@@ -71,6 +72,7 @@ def open_session(
     if version is not None and terms is not None:
         raise UsageError("--version and --terms exclude each other", todo="Give one of them")
     silence_mujoco()
+    reload_files()
     found = load_hand(hand, model)
     store = VersionStore.of(found)
     if assumed:

@@ -175,7 +175,8 @@ class Predictor:
         ahead_s = (stamp_ns - self._now_ns) * 1e-9
         velocity = self._qvel[self.twin.dof_adr]
         angle = self._qpos[self.twin.qpos_adr] + ahead_s * velocity
-        return Prediction(stamp_ns, angle * self._gain + self._offset_rad, velocity, self._touched.copy())
+        reading = angle * self._gain + self._offset_rad + self.twin.measurement.added(self.twin.joints, angle)
+        return Prediction(stamp_ns, reading, velocity, self._touched.copy())
 
     # -- anchors -------------------------------------------------------------------------------------------
 

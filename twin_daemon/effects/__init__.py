@@ -7,7 +7,7 @@ model; each declares its rank.
 from __future__ import annotations
 
 from twin_daemon.effects.base import Effect
-from twin_daemon.effects.discovery import built_in, user_effects
+from twin_daemon.effects.discovery import built_in, from_files, user_effects
 
 BUILT_IN: dict[str, Effect] = {effect.key: effect for effect in built_in()}
 """The effects that come with the program."""
@@ -17,3 +17,21 @@ LIBRARY: dict[str, Effect] = {
     for effect in sorted([*BUILT_IN.values(), *user_effects(BUILT_IN)], key=lambda effect: (effect.rank, effect.key))
 }
 """Every effect by its key, a user's own among them."""
+
+
+def reload_files() -> dict[str, str]:
+    """Takes the effects that are files of the state folder into the library, and those out that are gone.
+
+    Returns what is wrong with those that cannot be used, by key, each in one line.
+    """
+    for key in _FROM_FILES:
+        del LIBRARY[key]
+    _FROM_FILES.clear()
+    usable, broken = from_files(LIBRARY)
+    LIBRARY.update(usable)
+    _FROM_FILES.update(usable)
+    return broken
+
+
+_FROM_FILES: set[str] = set()
+reload_files()

@@ -44,12 +44,30 @@ def link_tendon(place: Place) -> str:
     return f"{place.actuator}_link"
 
 
+@dataclass(frozen=True)
+class ReadingCurve:
+    """What is added to a joint's reading over its own angle, or over that of a joint `over`: linear between its knots
+    (rad), flat beyond them."""
+
+    over: str
+    knots: tuple[float, ...]
+    values: tuple[float, ...]
+
+    def at(self, angle: np.ndarray) -> np.ndarray:
+        """rad to add where the angle is (...,) rad."""
+        return np.interp(angle, self.knots, self.values)
+
+
+_INVERTED = 60  # rounds: a curve is less steep than the angle itself, so that each comes nearer
+
+
 @dataclass
 class Measurement:
-    """What lies between a joint and its reading: measured = gain * angle + offset, by joint name in the data."""
+    """What lies between a joint and its reading: measured = gain * angle + offset + curves, by joint name in data."""
 
     gain: dict[str, float] = field(default_factory=dict)
     offset_rad: dict[str, float] = field(default_factory=dict)
+    curves: dict[str, tuple[ReadingCurve, ...]] = field(default_factory=dict)
 
     def factors(self, joints: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
         """Gain (j,) and offset (j,) in rad of some joints."""
@@ -59,12 +77,31 @@ class Measurement:
     def apply(self, joints: tuple[str, ...], position: np.ndarray) -> np.ndarray:
         """True angles (..., j) -> readings (..., j), in rad."""
         gain, offset = self.factors(joints)
-        return position * gain + offset
+        return position * gain + offset + self.added(joints, position)
 
     def invert(self, joints: tuple[str, ...], reading: np.ndarray) -> np.ndarray:
         """Readings (..., j) -> true angles (..., j), in rad."""
         gain, offset = self.factors(joints)
-        return (reading - offset) / gain
+        found = (reading - offset) / gain
+        if not any(joint in self.curves for joint in joints):
+            return found
+        for _ in range(_INVERTED):
+            found = (reading - offset - self.added(joints, found)) / gain
+        return found
+
+    def added(self, joints: tuple[str, ...], position: np.ndarray) -> np.ndarray | float:
+        """(..., j) rad that curves add to readings; a neighbour that is not among the joints adds nothing."""
+        if not self.curves:
+            return 0.0
+        found = [(joints.index(joint), curve) for joint, own in self.curves.items() if joint in joints for curve in own]
+        if not found:
+            return 0.0
+        out = np.zeros_like(position)
+        for column, curve in found:
+            over = curve.over or joints[column]
+            if over in joints:
+                out[..., column] += curve.at(position[..., joints.index(over)])
+        return out
 
 
 @dataclass(frozen=True)

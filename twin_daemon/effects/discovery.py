@@ -2,7 +2,8 @@
 
 A package offers its effects by the entry point group `twin_daemon.effects`, each entry an Effect class. The folder is
 named by TWIN_EFFECTS; each of its files may hold one or more classes. What stands there is run as code, so it must
-not be a place that the network or another user can write to.
+not be a place that the network or another user can write to. Effects that are files of numbers (see `from_files`) stand
+in the state folder; nothing of them is run.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from pathlib import Path
 from types import ModuleType
 
 from twin_daemon.effects.base import Effect
+from twin_daemon.effects.from_files import effect_of, folder, load_effect_file
+from twin_daemon.effects.from_files.schema import SUFFIX
 from twin_daemon.errors import BadInput
 from twin_daemon.resources import state_dir
 
@@ -46,6 +49,31 @@ def user_effects(taken: Collection[str]) -> list[Effect]:
                            todo="Give it another key")  # fmt: skip
         known[effect.key] = where
     return [effect for effect, _ in found]
+
+
+_MOST_FILES = 200
+
+
+def from_files(taken: Collection[str]) -> tuple[dict[str, Effect], dict[str, str]]:
+    """(effects that are files of the state folder by key, what is wrong with the others in a line each).
+
+    One file that is broken takes nothing away from the others, nor from the library.
+    """
+    usable: dict[str, Effect] = {}
+    broken: dict[str, str] = {}
+    try:
+        paths = sorted(folder().glob(f"*{SUFFIX}"))[:_MOST_FILES]
+    except OSError:
+        return usable, broken
+    for path in paths:
+        key = path.name.removesuffix(SUFFIX)
+        try:
+            if key in taken:
+                raise BadInput(f"the key '{key}' is that of an effect of the library", where=path, todo="Rename it")
+            usable[key] = effect_of(load_effect_file(path))
+        except BadInput as error:
+            broken[key] = error.line()
+    return usable, broken
 
 
 def _of_module(module: ModuleType) -> Iterator[Effect]:

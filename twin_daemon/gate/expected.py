@@ -97,8 +97,9 @@ class Expected:
         self._data.ctrl[told] = (self._mapping @ np.where(given, setpoint, 0.0))[told]
 
     def _read(self) -> None:
-        angle = self._data.qpos[self._twin.qpos_adr] * self._gain + self._offset_rad
-        self.reading = np.add.reduceat(angle[self._parts], self._firsts)
+        angle = self._data.qpos[self._twin.qpos_adr]
+        reading = angle * self._gain + self._offset_rad + self._twin.measurement.added(self._twin.joints, angle)
+        self.reading = np.add.reduceat(reading[self._parts], self._firsts)
 
 
 def _is_stable(model: mujoco.MjModel) -> bool:

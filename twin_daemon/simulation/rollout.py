@@ -57,7 +57,7 @@ def roll_out(
     runner = batch.Batch(first, chunk, threads or thread_count())
     # without anything that remembers a state is its position, velocity and control: an MjData costs more than they do
     plain = not remembers(first) and not (loaded and _bristles(first))
-    fresh, places = runner.state[0].copy(), [_place(first, component) for component in (_QPOS, _QVEL, _CTRL)]
+    fresh, places = runner.state[0].copy(), [place_in_state(first, component) for component in (_QPOS, _QVEL, _CTRL)]
     for start in range(0, count, chunk):
         chosen = range(start, min(start + chunk, count))
         ids = np.arange(len(chosen), dtype=np.int32)
@@ -73,7 +73,7 @@ def roll_out(
                     runner.state[slot, place] = values
             else:
                 told = None if before is None else before[_row(i, before)]
-                runner.state[slot] = _initial_state(picked[slot], control, position, velocity, told, loaded=loaded)
+                runner.state[slot] = initial_state(picked[slot], control, position, velocity, told, loaded=loaded)
         runner.warning[:] = 0
         rows, inputs = controls[start : start + len(chosen)] if len(controls) > 1 else controls, _CTRL
         if applied is not None:
@@ -94,7 +94,7 @@ def _row(index: int, array: np.ndarray) -> int:
     return index if len(array) > 1 else 0
 
 
-def _initial_state(
+def initial_state(
     model: mujoco.MjModel,
     control: np.ndarray,
     qpos: np.ndarray,
@@ -103,6 +103,7 @@ def _initial_state(
     *,
     loaded: bool,
 ) -> np.ndarray:
+    """The whole state with which a roll-out begins, as `roll_out` explains it."""
     data = mujoco.MjData(model)
     data.qpos[:] = qpos
     data.qvel[:] = qvel
@@ -117,7 +118,7 @@ def _initial_state(
     return state
 
 
-def _place(model: mujoco.MjModel, component: int) -> slice:
+def place_in_state(model: mujoco.MjModel, component: int) -> slice:
     """Where one component is in a state: components follow each other in the order of their bits."""
     begin = mujoco.mj_stateSize(model, _WHOLE & (component - 1))
     return slice(begin, begin + mujoco.mj_stateSize(model, component))

@@ -10,7 +10,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from twin_daemon.effects import LIBRARY
+from twin_daemon.effects import LIBRARY, reload_files
 from twin_daemon.effects.base import Measurement, Place, Scale, link_tendon, motor_joint
 from twin_daemon.effects.mjcf_text import mjcf_text
 from twin_daemon.errors import BadInput, nearest
@@ -260,8 +260,10 @@ class TwinModel:
         """
         spec = self._base.copy() if effects else self._base
         measurement = Measurement()
+        for term in effects:
+            _require_known(term.effect)
         rank = {key: index for index, key in enumerate(LIBRARY)}
-        for term in sorted(effects, key=lambda term: (rank[_known(term.effect)], term.target)):
+        for term in sorted(effects, key=lambda term: (rank[term.effect], term.target)):
             effect, place = LIBRARY[term.effect], self.place(term.target)
             values = effect.complete(term.values)
             effect.edit(spec, place, values)
@@ -361,7 +363,8 @@ def make_inertia_explicit(body: Any, compiled: Any) -> None:
         body.inertia = compiled.inertia
 
 
-def _known(effect: str) -> str:
+def _require_known(effect: str) -> None:
+    if effect not in LIBRARY and effect in (broken := reload_files()):
+        raise BadInput(f"the effect '{effect}' cannot be used: {broken[effect]}")
     if effect not in LIBRARY:
         raise BadInput(f"no effect '{effect}'", todo=nearest(effect, LIBRARY))
-    return effect

@@ -1,0 +1,182 @@
+"""A formula for a curve: simple laws of one variable, of which the one with the shortest description is taken.
+
+Each family is a few values with a meaning. It is fitted to the curve's knots with their uncertainty and priced by the
+Bayesian information criterion; the values are then fitted again in roll-outs, which is what gives their intervals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from twin_daemon.proposals.features import Feature
+
+_BLUR = 0.03  # of a curve's span: what a piecewise linear curve gets wrong of a smooth one
+_DENSE = 96
+_WIDER = 0.1  # of the visited range, to either side: a formula knows how it goes on
+
+Shape = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Family:
+    """A law of one variable x: the names of its values, what it says, and where a fit of a curve may begin."""
+
+    key: str
+    words: str
+    names: tuple[str, ...]
+    shape: Shape
+    starts: Callable[[np.ndarray, np.ndarray], list[list[float]]]
+
+
+@dataclass(frozen=True)
+class Formula:
+    """A family with its values (q,)."""
+
+    family: Family
+    values: np.ndarray
+
+    def text(self, variable: str) -> str:
+        """The formula with its values, such as `0.05 sin(9 q + 0.7)`."""
+        named = dict(zip(self.family.names, (f"{v:.3g}" for v in self.values), strict=True))
+        return self.family.words.format(x=variable, **named).replace("+ -", "- ")
+
+
+def _line(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+    return p[0] + p[1] * x
+
+
+def _sine(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+    return p[0] * np.sin(p[1] * x + p[2]) + p[3]
+
+
+def _bump(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+    return p[0] * np.exp(-(((x - p[1]) / _positive(p[2])) ** 2)) + p[3]
+
+
+def _notch(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+    u = (x - p[1]) / _positive(p[2])
+    return -p[0] * u * np.exp(0.5 - 0.5 * u**2) + p[3]
+
+
+def _settling(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+    return p[0] * (1.0 - np.exp(-np.maximum(x, 0.0) / _positive(p[1]))) + p[2]
+
+
+def _power(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+    return p[0] * np.sign(x) * np.abs(x) ** np.clip(p[1], 0.1, 5.0)
+
+
+def _sides(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+    return np.where(x > 0.0, p[0], p[1]) * x
+
+
+def _levels(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+    steep = np.tanh(x / 0.03)
+    return np.where(x > 0.0, p[0], p[1]) * np.abs(steep)
+
+
+def _dead_zone(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+    return -np.clip(x, -abs(p[0]), abs(p[0]))
+
+
+def _silent(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+    half = _positive(p[0])
+    # over a fiftieth of the zone, so that a fit finds a slope
+    return -x / (1.0 + np.exp(np.clip((np.abs(x) - half) / (0.02 * half), -60.0, 60.0)))
+
+
+def _saturating(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+    return np.clip(x, -abs(p[0]), abs(p[0])) - x
+
+
+def _positive(value: float) -> float:
+    return max(abs(float(value)), 1e-9)
+
+
+def _sine_starts(x: np.ndarray, y: np.ndarray) -> list[list[float]]:
+    span = float(np.ptp(x))
+    found = []
+    for waves in np.linspace(np.pi / span, 0.4 * np.pi * len(x) / span, 60):
+        basis = np.stack([np.sin(waves * x), np.cos(waves * x), np.ones_like(x)], axis=1)
+        (a, b, c), *_ = np.linalg.lstsq(basis, y, rcond=None)
+        left = float(((basis @ [a, b, c] - y) ** 2).sum())
+        found.append((left, [float(np.hypot(a, b)), float(waves), float(np.arctan2(b, a)), float(c)]))
+    return [start for _, start in sorted(found)[:3]]
+
+
+def _place_starts(x: np.ndarray, y: np.ndarray) -> list[list[float]]:
+    middle, span = float(np.median(y)), float(np.ptp(x))
+    peaks = {int(np.argmax(np.abs(y - middle))), int(np.argmax(np.abs(np.gradient(y, x))))}
+    size = float(np.ptp(y))
+    return [[s * size, float(x[i]), w * span, middle] for i in peaks for s in (-1.0, 1.0) for w in (0.05, 0.15)]
+
+
+_FAMILIES = {
+    "line": Family("line", "{constant} + {slope} {x}", ("constant", "slope"), _line,
+                   lambda x, y: [list(np.polyfit(x, y, 1)[::-1])]),
+    "sine": Family("sine", "{amplitude} sin({waves} {x} + {phase}) + {constant}",
+                   ("amplitude", "waves", "phase", "constant"), _sine, _sine_starts),
+    "bump": Family("bump", "{height} exp(-(({x} - {centre})/{width})^2) + {constant}",
+                   ("height", "centre", "width", "constant"), _bump, _place_starts),
+    "notch": Family("notch", "-{depth} u exp(0.5 - u^2/2) + {constant} with u = ({x} - {centre})/{width}",
+                    ("depth", "centre", "width", "constant"), _notch, _place_starts),
+    "settling": Family("settling", "{change} (1 - exp(-{x}/{time})) + {constant}", ("change", "time", "constant"),
+                       _settling, lambda x, y: [[float(y[-1] - y[0]), t * float(np.ptp(x)), float(y[0])]
+                                                for t in (0.1, 0.3, 1.0)]),
+    "power": Family("power", "{factor} sign({x}) |{x}|^{power}", ("factor", "power"), _power,
+                    lambda x, y: [[float(x @ y / max(x @ x, 1e-12)), p] for p in (0.5, 1.0, 2.0)]),
+    "sides": Family("sides", "{forward} {x} forwards, {backward} {x} backwards", ("forward", "backward"), _sides,
+                    lambda x, y: [[0.1, -0.1], [-0.1, 0.1]]),
+    "levels": Family("levels", "{forward} forwards, {backward} backwards", ("forward", "backward"), _levels,
+                     lambda x, y: [[float(y[x > 0].mean()), float(y[x < 0].mean())]]),
+    "dead_zone": Family("dead_zone", "-{x} up to {half}, constant beyond: a dead zone", ("half",), _dead_zone,
+                        lambda x, y: [[0.1 * float(x[-1])], [0.3 * float(x[-1])]]),
+    "silent": Family("silent", "-{x} up to {half}, nothing beyond: no torque for small errors", ("half",), _silent,
+                     lambda x, y: [[s * float(x[-1])] for s in (0.05, 0.1, 0.2, 0.4)]),
+    "saturating": Family("saturating", "nothing up to {most}, constant torque beyond", ("most",), _saturating,
+                         lambda x, y: [[0.3 * float(x[-1])], [0.7 * float(x[-1])]]),
+}  # fmt: skip
+
+_OVER = {
+    "position": ("line", "sine", "bump", "notch"),
+    "neighbour": ("line", "sine", "bump"),
+    "command": ("line", "sine", "bump", "notch"),
+    "time": ("line", "settling"),
+    "heat": ("line", "settling"),
+    "velocity": ("power", "sides", "levels"),
+    "error": ("power", "sides", "dead_zone", "silent", "saturating"),
+}
+
+
+def formulas(feature: Feature, coefficients: np.ndarray, sigmas: np.ndarray) -> list[Formula]:
+    """Formulas for a curve with coefficients (k,) and sigmas (k,), shortest description first."""
+    if feature.memory:
+        return []
+    x = np.array(feature.knots)
+    noise = np.hypot(np.minimum(sigmas, np.abs(coefficients).max() + 1e-12), _BLUR * np.ptp(coefficients) + 1e-12)
+    found: list[tuple[float, Formula]] = []
+    for key in _OVER[feature.over]:
+        family = _FAMILIES[key]
+        if len(family.names) >= len(x):
+            continue
+        for start in family.starts(x, coefficients):
+            fit = least_squares(
+                lambda p, family=family: (family.shape(p, x) - coefficients) / noise, start, max_nfev=200
+            )
+            bits = 2.0 * fit.cost + len(family.names) * np.log(len(x))
+            found.append((float(bits), Formula(family, fit.x)))
+    return [formula for _, formula in sorted(found, key=lambda item: item[0])]
+
+
+def dense(feature: Feature) -> tuple[float, ...]:
+    """Knots that are close enough for any formula of a feature's variable."""
+    low, high = feature.knots[0], feature.knots[-1]
+    if feature.over in ("velocity", "error"):
+        half = high * np.geomspace(0.003, 1.0, _DENSE // 2)
+        return (*(-half[::-1]), 0.0, *half)
+    margin = 0.0 if feature.over in ("time", "heat") else _WIDER * (high - low)
+    return tuple(np.linspace(low - margin, high + margin, _DENSE))

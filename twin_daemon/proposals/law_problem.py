@@ -1,0 +1,326 @@
+"""The error of a twin with a law at one port, as a function of its coefficients and of what is uncertain anyway."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+
+from twin_daemon.estimation.posterior import Posterior
+from twin_daemon.estimation.problem import Candidate
+from twin_daemon.estimation.thresholds import PAST_S
+from twin_daemon.estimation.variables import ParameterVariable, Variable
+from twin_daemon.proposals.features import REVERSAL_RAD, Feature
+from twin_daemon.proposals.track import Track
+from twin_daemon.simulation.alignment import Aligned, resample
+from twin_daemon.simulation.feedback import roll_out_with_feedback
+from twin_daemon.simulation.rollout import initial_state, remembers
+from twin_daemon.simulation.twin import TwinModel
+
+_STRONGEST = 3.0  # rad of the servo's stiffness: no law's torque is larger, however a trial goes astray
+_RIDGE = 1.0  # sigma of a coefficient, as a share of the largest that is looked for
+
+
+class LawProblem(Posterior):
+    """A problem whose last variables are the coefficients of one law: their unit coordinate 0.5 is none of it.
+
+    The law acts within the roll-outs, where the joint comes to lie in them. `smoothness` is the weight of the curve's
+    second differences beside the data.
+    """
+
+    def __init__(
+        self,
+        twin: TwinModel,
+        pieces: Sequence[Aligned],
+        nuisances: Sequence[Variable],
+        joints: Sequence[str],
+        floor: np.ndarray,
+        *,
+        feature: Feature,
+        joint: str,
+        actuator: int,
+        tracks: Sequence[Track],
+        smoothness: float = 0.0,
+        corrections: Sequence[np.ndarray] | None = None,
+        threads: int | None = 1,
+    ) -> None:
+        most = feature.most
+        own = [ParameterVariable(f"law.{index}", feature.unit, -most, most, 0.0) for index in range(len(feature.knots))]
+        super().__init__(twin, pieces, (*nuisances, *own), joints, floor, corrections=corrections, threads=threads)
+        self.feature, self.joint, self.actuator = feature, joint, actuator
+        self.tracks, self.smoothness = tuple(tracks), smoothness
+        by_name = {t.sha256: t for t in tracks}
+        self._track_of = [by_name[piece.recording.sha256] for piece in pieces]
+        self._begin = [t.begin_s(piece) for t, piece in zip(self._track_of, pieces, strict=True)]
+        self._shift: np.ndarray | None = None
+        self.own = len(nuisances)
+
+    def coefficients(self, points: np.ndarray) -> np.ndarray:
+        """(B, k) of the law, in its unit, of points (B, p)."""
+        return (points[:, self.own :] - 0.5) * 2.0 * self.feature.most
+
+    def point(self, nuisances: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+        """(p,) from the nuisances' unit coordinates and the law's coefficients."""
+        return np.concatenate([nuisances, np.clip(0.5 + coefficients / (2.0 * self.feature.most), 0.0, 1.0)])
+
+    def shifted(self, shift_s: float) -> LawProblem:
+        """The same problem with all commands later by so much."""
+        pieces = [r.with_onset(r.onset_s + shift_s) for r in self.recordings]
+        other = LawProblem(
+            self.twin,
+            pieces,
+            self.variables[: self.own],
+            self.objective,
+            self.floor,
+            feature=self.feature,
+            joint=self.joint,
+            actuator=self.actuator,
+            tracks=self.tracks,
+            smoothness=self.smoothness,
+            corrections=self.corrections,
+            threads=self.threads,
+        )
+        other._begin = self._begin
+        return other
+
+    # -- roll-outs -----------------------------------------------------------------------------------------
+
+    def predict(self, points: np.ndarray) -> list[np.ndarray]:
+        """Predicted readings, one (B, n, k) array a piece, with the law at work."""
+        laws = self.coefficients(points)
+        if self.feature.port == "reading":
+            return self._misread(points, laws)
+        candidates = [self.candidate(point) for point in points]
+        self.evaluations += len(points)
+        return self._rolled(candidates, laws)
+
+    def _misread(self, points: np.ndarray, laws: np.ndarray) -> list[np.ndarray]:
+        """The joint moves as it does; what is read of it is not where it is."""
+        distinct, place = np.unique(points[:, : self.own], axis=0, return_inverse=True)
+        at = [np.array([self._start_of_reading(index)]) for index in range(len(self.recordings))]
+        self._shift = np.array([-float(self.feature.curve(laws[:1], x[None])[0, 0]) for x in at])
+        whole = np.concatenate([distinct, np.full((len(distinct), points.shape[1] - self.own), 0.5)], axis=1)
+        found = super().predict(whole)
+        column = self.objective.index(self.joint)
+        out = []
+        for index, (piece, readings) in enumerate(zip(self.recordings, found, strict=True)):
+            every = readings[place.ravel()].copy()
+            every[:, :, column] += self.feature.curve(laws, self._read_over(index, piece.time_s, every[:, :, column]))
+            out.append(every)
+        return out
+
+    def _read_over(self, index: int, time_s: np.ndarray, angle: np.ndarray) -> np.ndarray:
+        """(B, n) the variable of a reading's law at times (n,) of a piece, where the joint is at `angle` (B, n)."""
+        if self.feature.over == "position":
+            return angle
+        return np.broadcast_to(self._exogenous(index, time_s), angle.shape)
+
+    def _start_of_reading(self, index: int) -> float:
+        start = float(self.recordings[index].start_position[self.twin.joints.index(self.joint)])
+        return start if self.feature.over == "position" else float(self._exogenous(index, np.zeros(1))[0])
+
+    def _begun(self, index, measurements):
+        qpos, qvel = super()._begun(index, measurements)
+        if self._shift is not None:
+            qpos = qpos.copy()
+            qpos[:, self.twin.qpos_adr[self.twin.joints.index(self.joint)]] += self._shift[index]
+        return qpos, qvel
+
+    def _exogenous(self, index: int, time_s: np.ndarray) -> np.ndarray:
+        """(n,) what the law depends on beside the joint's own state, at times (n,) s of a piece."""
+        track, at = self._track_of[index], self._begin[index] + time_s
+        if self.feature.over == "time":
+            return at
+        series = {"heat": track.heat, "neighbour": track.neighbours.get(self.feature.neighbour)}.get(self.feature.over)
+        return np.zeros_like(time_s) if series is None else np.interp(at, track.time_s, series)
+
+    def _rolled(self, candidates: Sequence[Candidate], laws: np.ndarray) -> list[np.ndarray]:
+        twin, step_s = self.twin, float(self.twin.model.opt.timestep)
+        order = sorted(range(len(self.recordings)), key=lambda i: -len(self._grids[i]))
+        longest, width = len(self._grids[order[0]]), twin.model.nu + twin.model.nv
+        inputs: list[np.ndarray] = []
+        known: dict[tuple[int, float], int] = {}
+        states, input_of, steps, begun = [], [], [], []
+        for index in order:
+            piece, grid = self.recordings[index], self._grids[index] * step_s
+            past = -np.arange(round(PAST_S / step_s), 0, -1) * step_s if remembers(candidates[0].model) else grid[:0]
+            applied = self._applied(piece, grid, [candidates[0].measurement])
+            (qpos,), (qvel,) = self._begun(index, [candidates[0].measurement])
+            memory = self._memory(index)
+            for candidate in candidates:
+                onset = candidate.onsets_s[index]
+                if (index, onset) not in known:
+                    controls = self._controls(piece, np.concatenate([past, grid]), onset)
+                    row = np.zeros((longest, width))
+                    row[: len(grid), : controls.shape[1]] = controls[len(past) :]
+                    if applied is not None:
+                        row[: len(grid), twin.model.nu :] = applied[0]
+                    known[index, onset] = len(inputs)
+                    inputs.append(row)
+                    earlier = controls[: len(past)] if len(past) else None
+                    self._before[index, onset] = controls[len(past)], earlier
+                first, earlier = self._before[index, onset]
+                filled = np.zeros(twin.model.nu)
+                filled[: len(first)] = first
+                states.append(initial_state(candidate.model, filled, qpos, qvel, earlier, loaded=True))
+                input_of.append(known[index, onset])
+                steps.append(len(grid))
+                begun.append(memory)
+        count = len(candidates)
+        piece_of = np.repeat(order, count)
+        feedback = _Feedback(self, candidates, np.tile(laws, (len(order), 1)), piece_of, np.array(begun), longest)
+        positions = roll_out_with_feedback(
+            [c.model for _ in order for c in candidates],
+            np.array(states),
+            np.stack(inputs),
+            np.array(input_of),
+            np.array(steps),
+            feedback.torque,
+            threads=self.threads,
+        )
+        found: list[np.ndarray] = [np.zeros(0)] * len(order)
+        for place, index in enumerate(order):
+            own = positions[place * count : (place + 1) * count, : len(self._grids[index]) + 1]
+            sampled = resample(own[:, :, twin.qpos_adr], step_s, self.recordings[index].time_s)
+            read = [c.measurement.apply(twin.joints, s) for c, s in zip(candidates, sampled, strict=True)]
+            found[index] = np.stack(read)[:, :, self._columns]
+        return found
+
+    @cached_property
+    def _before(self) -> dict[tuple[int, float], tuple[np.ndarray, np.ndarray | None]]:
+        return {}
+
+    def _memory(self, index: int) -> np.ndarray:
+        """(m,) what the law remembers where a piece begins, from the measured motion before it."""
+        if index not in self._remembered:
+            track, begin = self._track_of[index], self._begin[index]
+            before = track.time_s <= max(begin, 0.0)
+            self._remembered[index] = remembered(
+                self.feature, track.position[before], track.error[before], float(self.twin.model.opt.timestep)
+            )
+        return self._remembered[index]
+
+    @cached_property
+    def _remembered(self) -> dict[int, np.ndarray]:
+        return {}
+
+    # -- smoothness ----------------------------------------------------------------------------------------
+
+    def prior_residuals(self, points: np.ndarray) -> np.ndarray:
+        """(B, q) the nuisances' priors, and the curve's second differences."""
+        found = super().prior_residuals(points)
+        return np.concatenate([found, self.coefficients(points) @ self._bends.T], axis=1)
+
+    @cached_property
+    def _bends(self) -> np.ndarray:
+        """(q, k) rows that a smooth curve, or a weak memory, makes small."""
+        count, scale = len(self.feature.knots), 1.0 / self.feature.most
+        weak = _RIDGE * scale * np.eye(count)
+        if self.feature.memory:
+            return weak
+        return np.concatenate([weak, self.smoothness * scale * np.diff(np.eye(count), n=2, axis=0)])
+
+
+def remembered(feature: Feature, position: np.ndarray, error: np.ndarray, step_s: float) -> np.ndarray:
+    """(m,) the state of a law's memory after a motion (n,): each element's, or the direction's alone."""
+    if feature.memory in ("play", ""):
+        widths = np.array(feature.knots) if feature.memory else np.array([REVERSAL_RAD])
+        if not feature.memory and feature.factor != "direction":
+            return np.zeros(0)
+        state = np.zeros(len(widths))
+        for moved in np.diff(position):
+            state = np.clip(state + moved / widths, -1.0, 1.0)
+        return state
+    keep = np.exp(-step_s / np.array(feature.knots))
+    state = np.zeros(len(keep))
+    if feature.memory == "relaxation":
+        for moved in np.diff(position):
+            state = keep * state + moved
+    else:
+        for now in error:
+            state = keep * state + (1.0 - keep) * now
+    return state
+
+
+class _Feedback:
+    """The torque of a law in roll-outs, from the state of all simulations at once."""
+
+    def __init__(
+        self,
+        problem: LawProblem,
+        candidates: Sequence[Candidate],
+        laws: np.ndarray,
+        piece_of: np.ndarray,
+        memory: np.ndarray,
+        longest: int,
+    ) -> None:
+        twin, self._feature = problem.twin, problem.feature
+        self._laws, self._piece_of, self._state = laws, piece_of, memory.copy()
+        self._step_s = float(twin.model.opt.timestep)
+        column = twin.joints.index(problem.joint)
+        self._qpos, self._dof = twin.qpos_adr[column], twin.dof_adr[column]
+        self._actuator = problem.actuator
+        self._qpos_driven, self._dof_driven = twin.qpos_adr, twin.dof_adr
+        self._drive = twin.drive[problem.actuator]
+        stiffness = np.array([c.model.actuator_gainprm[problem.actuator, 0] for c in candidates])
+        self._kp = np.tile(stiffness, len(piece_of) // len(candidates))
+        grid = np.arange(longest) * self._step_s
+        pieces = range(len(problem.recordings))
+        self._exogenous = np.stack([problem._exogenous(index, grid) for index in pieces])
+        self._last: np.ndarray | None = None
+        self._lengths = np.array(self._feature.knots)
+
+    def torque(self, step: int, qpos: np.ndarray, qvel: np.ndarray, ctrl: np.ndarray) -> np.ndarray:
+        """(a, nv) N m of the simulations that still run."""
+        active, feature = len(qpos), self._feature
+        angle = qpos[:, self._qpos]
+        error = ctrl[:, self._actuator] - qpos[:, self._qpos_driven] @ self._drive
+        self._remember(active, angle, error)
+        laws = self._laws[:active]
+        if feature.memory:
+            value = (laws * self._state[:active]).sum(axis=1)
+        else:
+            value = feature.curve(laws, self._over(step, active, angle, qvel, error, ctrl))
+        if feature.factor == "error":
+            value = value * error
+        elif feature.factor == "direction":
+            value = -value * self._state[:active, 0]
+        if feature.memory in ("play", "relaxation", "creep"):
+            value = -value
+        out = np.zeros_like(qvel)
+        kp = self._kp[:active]
+        if feature.port == "command":
+            pull = np.clip(value, -_STRONGEST, _STRONGEST) * kp
+            out[:, self._dof_driven] = pull[:, None] * self._drive
+        else:
+            out[:, self._dof] = np.clip(value, -_STRONGEST * kp, _STRONGEST * kp)
+        return out
+
+    def _over(
+        self, step: int, active: int, angle: np.ndarray, qvel: np.ndarray, error: np.ndarray, ctrl: np.ndarray
+    ) -> np.ndarray:
+        over = self._feature.over
+        if over == "position":
+            return angle
+        if over == "velocity":
+            return qvel[:, self._dof]
+        if over == "error":
+            return error
+        if over == "command":
+            return ctrl[:, self._actuator]
+        return self._exogenous[self._piece_of[:active], step]
+
+    def _remember(self, active: int, angle: np.ndarray, error: np.ndarray) -> None:
+        feature, state = self._feature, self._state
+        moved = np.zeros(active) if self._last is None else angle - self._last[:active]
+        self._last = angle.copy()
+        if feature.memory == "play":
+            state[:active] = np.clip(state[:active] + moved[:, None] / self._lengths, -1.0, 1.0)
+        elif feature.memory == "relaxation":
+            state[:active] = np.exp(-self._step_s / self._lengths) * state[:active] + moved[:, None]
+        elif feature.memory == "creep":
+            keep = np.exp(-self._step_s / self._lengths)
+            state[:active] = keep * state[:active] + (1.0 - keep) * error[:, None]
+        elif feature.factor == "direction":
+            state[:active, 0] = np.clip(state[:active, 0] + moved / REVERSAL_RAD, -1.0, 1.0)

@@ -1,0 +1,288 @@
+"""The proposals for a twin: which joints are looked at, when nothing is proposed, and what is said of what is."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from twin_daemon.diagnosis.free_rollout import with_finding
+from twin_daemon.diagnosis.verdict import Diagnosis
+from twin_daemon.effects import reload_files
+from twin_daemon.effects.from_files import EffectFile, save_effect_file
+from twin_daemon.effects.from_files import native as native_form
+from twin_daemon.errors import BadInput
+from twin_daemon.estimation.partition import Reduction
+from twin_daemon.executor import TimeLimit
+from twin_daemon.proposals.formula import formulas
+from twin_daemon.proposals.proposal import Curve, Native, Nearest, Proposal, Proposals, Rival, Value
+from twin_daemon.proposals.refit import RefittedLaw, refitted
+from twin_daemon.proposals.search import LEAST_GAIN, FittedLaw, JointSearch, Say, Trial
+from twin_daemon.simulation.alignment import Aligned, moving_joints
+from twin_daemon.simulation.submodel import drive_groups
+from twin_daemon.simulation.terms import EffectTerm
+from twin_daemon.simulation.twin import TwinModel
+
+MOST_SURE = 0.95
+"""No more is said of a law that nobody has tested on purpose: something else may lie behind it."""
+FORMULAS_TRIED = 2
+NEAREST_SHOWN = 4
+MOST_NULL = 0.05
+_BETTER = 0.9  # of the best library effect's held-out error: a law that leaves more is no news
+_X_UNITS = {"velocity": "rad/s", "time": "s", "heat": "1"}
+
+
+def propose(
+    twin: TwinModel,
+    train: Sequence[Aligned],
+    holdout: Sequence[Aligned],
+    found: Diagnosis,
+    *,
+    joints: Sequence[str] | None = None,
+    seed: int = 0,
+    stream: Say | None = None,
+    limit: TimeLimit | None = None,
+) -> Proposals:
+    """The law that a diagnosis has not found: searched only where it says `unexplained`.
+
+    With `joints` at each of them, else at the one whose error is worst over its floor. Each proposal is written as an
+    effect file into the state folder.
+    """
+    say, limit = stream or (lambda _: None), limit or TimeLimit()
+    if found.verdict != "unexplained":
+        return Proposals(verdict=found.verdict, reason=_closed(found))
+    chosen = list(joints) if joints else _worst(found, moving_joints(train))
+    if not chosen:
+        return Proposals(verdict=found.verdict, reason="no joint is above its floor")
+    base, notes = _with_findings(twin, found, chosen)
+    reduction = Reduction(base, train, holdout)
+    proposals: list[Proposal] = []
+    tried: list[Rival] = []
+    reasons: list[str] = []
+    for joint in chosen:
+        part = next(g for g in drive_groups(base) if joint in g.joints)
+        search = JointSearch(base, reduction, part, joint, train, holdout, seed=seed, say=say, limit=limit)
+        if search.reduced is None:
+            reasons.append(f"{joint} does not move clear of contacts for long enough")
+            continue
+        if search.actuator is None:
+            reasons.append(f"no servo of the model drives {joint}")
+            continue
+        if search.within_floor:
+            reasons.append(f"{joint} is at its floor: {search.times_floor:.1f} times it")
+            continue
+        trials = search.trials()
+        laws = search.leading(trials)
+        tried += _tried(joint, trials, laws)
+        why = _refused(search, laws[0], found)
+        if why:
+            reasons.append(f"{joint}: {why}")
+            continue
+        best = laws[0]
+        shapes = formulas(best.feature, best.coefficients, best.sigmas)[:FORMULAS_TRIED]
+        law = refitted(search, best, shapes)
+        proposals.append(_proposal(search, law, laws, found))
+    if proposals:
+        reason = "; ".join(f"{p.name}: {p.port} over {' x '.join(p.variables)} at {p.joints[0]}" for p in proposals)
+    else:
+        reason = "; ".join(reasons)
+    return Proposals(
+        verdict=found.verdict, reason=reason, proposals=tuple(proposals), tried=tuple(tried), notes=tuple(notes)
+    )
+
+
+def _closed(found: Diagnosis) -> str:
+    if found.verdict == "within_noise":
+        return "nothing is missing that these data show: the error is at its floor"
+    if found.verdict == "not_excited":
+        return f"this motion cannot show what is missing: {found.reason}"
+    return f"effects of the library account for the error: {found.reason}"
+
+
+def _worst(found: Diagnosis, moving: Sequence[str]) -> list[str]:
+    """The moving joint of the part that is furthest over its floor with all that was found."""
+    above = [part for part in found.parts.values() if not part.within_floor or part.left_times_floor > 1.0]
+    above.sort(key=lambda part: -part.left_times_floor)
+    for part in above:
+        own = [name for name in part.joints if name in moving]
+        if own:
+            at = [row.joint for row in found.where if row.joint in own]
+            return [at[0] if at else own[0]]
+    return []
+
+
+def _with_findings(twin: TwinModel, found: Diagnosis, chosen: Sequence[str]) -> tuple[TwinModel, list[str]]:
+    """The twin with what the diagnosis found at other joints; what it tried here is to be outdone, not built upon."""
+    notes = []
+    for finding in found.findings:
+        if set(finding.joints) & set(chosen):
+            continue
+        try:
+            twin = with_finding(twin, finding)
+            notes.append(f"{finding.name} was found beside it, and is in the model here")
+        except BadInput:  # it stands only beside the others
+            continue
+    return twin, notes
+
+
+def _tried(joint: str, trials: Sequence[Trial], laws: Sequence[FittedLaw]) -> list[Rival]:
+    fitted = {law.feature.name: law for law in laws}
+    rows = []
+    for trial in trials:
+        law = fitted.get(trial.feature.name)
+        if law is laws[0]:
+            continue
+        why = "other laws promise more" if law is None else f"{laws[0].nats - law.nats:.0f} nats behind the best"
+        rows.append(
+            Rival(
+                joint=joint,
+                port=trial.feature.port,
+                variables=trial.feature.variables,
+                linear_gain=trial.share,
+                holdout_gain=None if law is None else law.gain,
+                lost_because=why,
+            )
+        )
+    return rows
+
+
+def _refused(search: JointSearch, law: FittedLaw, found: Diagnosis) -> str:
+    """Why the best law is not proposed; empty where it is."""
+    low, high = law.gain_ci95
+    if law.nats <= 0.0:
+        return f"the best law ({law.feature.name}) is not worth its values"
+    if low <= 0.0:
+        return f"on held-out motion the best law ({law.feature.name}) gains {law.gain:.0%} ({low:.0%} to {high:.0%})"
+    if law.gain < LEAST_GAIN:
+        return f"the best law ({law.feature.name}) takes {law.gain:.0%} of the held-out error away, too little"
+    if (null := search.null_share(law.trial)) > MOST_NULL:
+        return f"errors moved in time fit {law.feature.name} as well in {null:.0%} of draws"
+    known = [
+        (t.holdout_mse_rad2, t) for t in found.tried if t.holdout_mse_rad2 is not None and t.target == search.joint
+    ]
+    if known:
+        mse, best = min(known, key=lambda item: item[0])
+        if mse < _BETTER * law.mse_after:
+            return f"the library's {best.effect} leaves less on held-out motion"
+    return ""
+
+
+def _proposal(search: JointSearch, law: RefittedLaw, laws: Sequence[FittedLaw], found: Diagnosis) -> Proposal:
+    fitted, feature = law.law, law.law.feature
+    null = search.null_share(fitted.trial)
+    probability = _probability(laws) * (1.0 - null)
+    file = _file(search, law, probability)
+    path = save_effect_file(file)
+    reload_files()
+    at_unit = {"play": "rad", "relaxation": "s", "creep": "s"}.get(feature.memory, _X_UNITS.get(feature.over, "rad"))
+    band = 1.96 * law.sigmas
+    costs = native_form.cost(file)
+    curve = Curve(
+        at=law.knots,
+        at_unit=at_unit,
+        value=tuple(law.curve),
+        lower=tuple(law.curve - band),
+        upper=tuple(law.curve + band),
+        unit=feature.unit,
+        visited=file.visited,
+    )
+    return Proposal(
+        name=file.name,
+        port=feature.port,
+        variables=feature.variables,
+        joints=(search.joint,),
+        formula=law.text,
+        parameters={n: Value(value=v, ci95=(low, high)) for n, (v, low, high) in law.values.items()},
+        curve=curve,
+        holdout_mse_before=fitted.mse_before,
+        holdout_mse_after=fitted.mse_after,
+        holdout_gain=fitted.gain,
+        holdout_gain_ci95=fitted.gain_ci95,
+        probability=probability,
+        null_probability=null,
+        evidence=fitted.nats,
+        nearest=_nearest(found, search.joint),
+        native=Native(exact=not costs, cost=costs, holdout_gain=_native_gain(search, file)),
+        experiment=_experiment(feature.over, feature.memory, file.visited),
+        file=str(path),
+    )
+
+
+def _probability(laws: Sequence[FittedLaw]) -> float:
+    """Of the best port and variables, among all laws that were fitted and none at all."""
+    best = laws[0]
+    nats = np.array([law.nats for law in laws] + [0.0])
+    shares = np.exp(nats - nats.max())
+    own = [law.feature.port == best.feature.port and law.feature.variables == best.feature.variables for law in laws]
+    return MOST_SURE * float(shares[:-1][own].sum() / shares.sum())
+
+
+def _nearest(found: Diagnosis, joint: str) -> tuple[Nearest, ...]:
+    here = sorted((t for t in found.tried if t.target == joint), key=lambda t: -t.evidence_nats)[:NEAREST_SHOWN]
+    out = [Nearest(effect=f"{t.effect}:{t.target}", fails_because=t.lost_because) for t in here]
+    return tuple(
+        [Nearest(effect=f.name, fails_because="with it the error is still unexplained") for f in found.findings
+         if joint in f.joints] + out
+    )  # fmt: skip
+
+
+def _file(search: JointSearch, law: RefittedLaw, probability: float) -> EffectFile:
+    fitted, feature = law.law, law.law.feature
+    knots = fitted.trial.feature.knots
+    visited = (0.0, 0.0) if feature.memory else (float(knots[0]), float(knots[-1]))
+    content: dict[str, Any] = {
+        "schema": 1,
+        "name": "proposed",
+        "title": f"{_AT[feature.port]} that depends on {' times '.join(feature.variables)}",
+        "port": feature.port,
+        "over": feature.over,
+        "factor": feature.factor,
+        "memory": feature.memory,
+        "neighbour": feature.neighbour,
+        "unit": feature.unit,
+        "knots": [float(x) for x in law.knots],
+        "values": [float(v) for v in law.curve],
+        "sigmas": [float(min(s, 1e5)) for s in law.sigmas],
+        "visited": visited,
+        "formula": law.text,
+        "formula_values": {n: [float(np.clip(x, -1e6, 1e6)) for x in v] for n, v in law.values.items()},
+        "found_at": search.joint,
+        "evidence": {"holdout_gain": fitted.gain, "probability": probability},
+        "recordings": sorted({r.recording.sha256 for r in (*search.train, *search.holdout)}),
+    }
+    digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:8]
+    words = [feature.port, feature.memory or feature.over, *([feature.factor] if feature.factor else [])]
+    return EffectFile.model_validate(content | {"name": f"proposed_{'_'.join(words)}_{digest}"})
+
+
+_AT = {"torque": "a torque", "command": "a change of what the servo gives", "reading": "a change of the reading"}
+
+
+def _native_gain(search: JointSearch, file: EffectFile) -> float | None:
+    """What the plain MJCF with this effect takes away of the held-out error; None where it cannot be built."""
+    assert search.reduced is not None
+    small = search.reduced.twin
+    place = search.joint if file.port != "command" else small.actuators[search.actuator or 0]
+    try:
+        changed = small.changed(small.terms.with_effect(EffectTerm(effect=file.name, target=place, values={})))
+    except BadInput:
+        return None
+    return search.gain_of(changed)
+
+
+def _experiment(over: str, memory: str, visited: tuple[float, float]) -> str:
+    low, high = visited
+    if memory:
+        return "steps to several sizes, each held for a minute and then taken back, and small reversals between"
+    return {
+        "position": f"slow sweeps both ways over {low:.2f} to {high:.2f} rad and beyond, at two speeds",
+        "velocity": "the same travel at five speeds from creeping to fastest, both ways",
+        "time": "the same motion from cold, and again after a rest: does it begin anew?",
+        "heat": "hard work for a minute, then rest, with the same slow test motion before and after",
+        "command": "targets all over the range, approached from both sides",
+        "error": "small steps of growing size from rest, and the same against a weight",
+        "neighbour": "the neighbour alone over its range while this joint holds, then this joint alone",
+    }[over]

@@ -1,0 +1,115 @@
+"""The few values of a formula, fitted in roll-outs beside the nuisances: the law itself then, not its curve."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin_daemon.proposals.descent import Reached, gauss_newton
+from twin_daemon.proposals.formula import Formula, dense
+from twin_daemon.proposals.law_problem import LawProblem
+from twin_daemon.proposals.search import FittedLaw, JointSearch
+
+_ROUNDS = 3
+_AS_GOOD = 1.2  # times the curve's cost: a formula that leaves no more stands for it
+_VALUE_FLOOR = 0.03  # of a value: the least half-width of its interval
+
+
+@dataclass(frozen=True)
+class RefittedLaw:
+    """A law with its formula: values by name as (value, lower, upper) at 95 %; `curve` (k,) at `knots` (k,)."""
+
+    law: FittedLaw
+    formula: Formula | None
+    values: dict[str, tuple[float, float, float]]
+    knots: tuple[float, ...]
+    curve: np.ndarray
+    sigmas: np.ndarray
+
+    @property
+    def text(self) -> str:
+        """The formula in words and symbols, or the elements of a memory, or that it is a curve without one."""
+        feature = self.law.feature
+        if self.formula is not None:
+            return self.formula.text(SYMBOLS.get(feature.over, feature.over))
+        if feature.memory:
+            unit = "rad" if feature.memory == "play" else "s"
+            strong = np.abs(self.curve) > 0.1 * np.abs(self.curve).max(initial=1e-12)
+            pairs = zip(self.curve[strong], np.array(feature.knots)[strong], strict=True)
+            elements = [f"{size:.3g} {feature.unit} over {length:g} {unit}" for size, length in pairs]
+            return f"{feature.memory}: {', '.join(elements)}"
+        return f"a curve over {SYMBOLS.get(feature.over, feature.over)} without a simple formula"
+
+
+SYMBOLS = {
+    "position": "q",
+    "velocity": "v",
+    "time": "t",
+    "heat": "h",
+    "command": "c",
+    "error": "e",
+    "neighbour": "q_n",
+}
+
+
+class _FormulaProblem:
+    """A law's problem over nuisances and the values of a formula, whose unit coordinate 0.5 is where they began."""
+
+    def __init__(self, problem: LawProblem, formula: Formula) -> None:
+        self._problem, self._formula = problem, formula
+        size = np.abs(formula.values)
+        self.scales = np.maximum(size, 0.2 * max(float(size.max(initial=0.0)), 1e-6))
+        self._x = np.array(problem.feature.knots)
+
+    def values(self, points: np.ndarray) -> np.ndarray:
+        return self._formula.values + (points[:, self._problem.own :] - 0.5) * 2.0 * self.scales
+
+    def law_points(self, points: np.ndarray) -> np.ndarray:
+        """(B, p) of the law's own problem."""
+        own = self._problem.own
+        curves = [self._formula.family.shape(values, self._x) for values in self.values(points)]
+        return np.stack([self._problem.point(p[:own], c) for p, c in zip(points, curves, strict=True)])
+
+    def residuals(self, points: np.ndarray) -> np.ndarray:
+        return self._problem.residuals(self.law_points(points))
+
+
+def refitted(search: JointSearch, law: FittedLaw, candidates: Sequence[Formula]) -> RefittedLaw:
+    """The law by the best of some formulas, or by its curve where none does as well."""
+    best: RefittedLaw | None = None
+    for formula in candidates:
+        found = _by_formula(search, law, formula)
+        if best is None or found.law.reached.cost < best.law.reached.cost:
+            best = found
+    if best is not None and best.law.reached.cost < _AS_GOOD * law.reached.cost:
+        return best
+    return RefittedLaw(law, None, {}, law.feature.knots, law.coefficients, law.sigmas)
+
+
+def _by_formula(search: JointSearch, law: FittedLaw, formula: Formula) -> RefittedLaw:
+    problem = search.problem(replace(law.feature, knots=dense(law.feature)), 0.0)
+    wrapped = _FormulaProblem(problem, formula)
+    own = problem.own
+    start = np.concatenate([law.reached.point[:own], np.full(len(formula.values), 0.5)])
+    reached = gauss_newton(wrapped, start, own, _ROUNDS)
+    values = wrapped.values(reached.point[None])[0]
+    inflation = max(1.0, reached.cost / max(problem.effective_samples, 1.0))
+    covariance = inflation * np.linalg.pinv(reached.slopes.T @ reached.slopes)
+    sigmas = np.sqrt(np.diag(covariance))[own:] * 2.0 * wrapped.scales
+    half = np.maximum(1.96 * sigmas, _VALUE_FLOOR * np.abs(values))
+    named = {
+        name: (float(v), float(v - h), float(v + h))
+        for name, v, h in zip(formula.family.names, values, half, strict=True)
+    }
+    found = replace(formula, values=values)
+    point = wrapped.law_points(reached.point[None])[0]
+    # the rows and slopes stay those of the formula's few values
+    judged = search.judged(law.trial, problem, Reached(point, reached.rows, reached.slopes), freedom=len(values))
+    x = np.array(problem.feature.knots)
+    curve = formula.family.shape(values, x)
+    moved = np.array([formula.family.shape(values + 1e-4 * step, x) for step in np.diag(wrapped.scales)])
+    slopes = 2.0 * (moved - curve).T / 1e-4  # by unit coordinate
+    band = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", slopes, covariance[own:, own:], slopes), 0.0))
+    return RefittedLaw(judged, found, named, problem.feature.knots, curve, band)

@@ -1,0 +1,340 @@
+"""From an unexplained joint to the law that it lacks: ports and variables compete, the leading few are fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from twin_daemon.estimation.nuisances import nuisance_variables
+from twin_daemon.estimation.partition import Reduced, Reduction
+from twin_daemon.estimation.posterior import Posterior, floor_and_corrections
+from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
+from twin_daemon.estimation.uncertainty import block_gain
+from twin_daemon.estimation.variables import OnsetVariable
+from twin_daemon.estimation.windows import spread
+from twin_daemon.executor import TimeLimit, concurrently
+from twin_daemon.proposals.descent import (
+    SMOOTHNESS,
+    Linear,
+    Reached,
+    columns,
+    cross_validated,
+    folds,
+    gauss_newton,
+)
+from twin_daemon.proposals.features import Feature, features
+from twin_daemon.proposals.law_problem import LawProblem
+from twin_daemon.proposals.track import track
+from twin_daemon.simulation.alignment import Aligned
+from twin_daemon.simulation.submodel import Part
+from twin_daemon.simulation.twin import TwinModel
+
+Say = Callable[[str], None]
+
+MOST_TRAIN_S = 20.0
+MOST_HELD_S = 16.0
+RACING = 6
+ROUNDS_RACING = 2
+LEADING = 3
+PLAIN_SHARE = 0.9
+"""Taken away by one linear step: only the next few laws may then still be better."""
+ROUNDS = 4
+LEAST_GAIN = 0.15
+"""Of the held-out squared error: a law that takes less away is not proposed."""
+NULL_DRAWS = 39
+MOST_NEIGHBOURS = 3
+BLOCK_S = 0.75
+_LAW_STEP = 4e-3
+_LENGTHS = (1.0, 0.5, 0.2)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One port and variable by one linear step: the share of the squared error that it takes from blocks it has not
+    seen, and `reduction`, the share that roll-outs with it take from all, where a fit may `start` (p,)."""
+
+    feature: Feature
+    share: float
+    reduction: float
+    smoothness: float
+    linear: Linear
+    start: np.ndarray
+
+    @property
+    def promise(self) -> float:
+        """The better of both: a law that is strong bends what one step says of it."""
+        return max(self.share, self.reduction)
+
+
+@dataclass(frozen=True)
+class FittedLaw:
+    """A law fitted in roll-outs, on its own motion and on held-out motion (errors in rad^2, over the part's joints)."""
+
+    problem: LawProblem
+    reached: Reached
+    nats: float
+    mse_before: float
+    mse_after: float
+    gain: float
+    gain_ci95: tuple[float, float]
+    trial: Trial
+
+    @property
+    def feature(self) -> Feature:
+        return self.problem.feature
+
+    @property
+    def coefficients(self) -> np.ndarray:
+        """(k,) in the feature's unit."""
+        return self.problem.coefficients(self.reached.point[None])[0]
+
+    @cached_property
+    def sigmas(self) -> np.ndarray:
+        """(k,) of the coefficients, the nuisances' own uncertainty among it, wider where the law leaves much."""
+        inflation = max(1.0, self.chi_square)
+        information = self.reached.slopes.T @ self.reached.slopes / inflation
+        unit = np.sqrt(np.diag(np.linalg.pinv(information)))[self.problem.own :]
+        return unit * 2.0 * self.feature.most
+
+    @property
+    def chi_square(self) -> float:
+        return self.reached.cost / self.problem.effective_samples
+
+
+@dataclass
+class JointSearch:
+    """The search for a law at one joint, within the smallest part that moves it.
+
+    Raises no error for a joint that has nothing to say: `reduced` is then None, and `why` says it.
+    """
+
+    twin: TwinModel
+    reduction: Reduction
+    part: Part
+    joint: str
+    train: Sequence[Aligned]
+    holdout: Sequence[Aligned]
+    seed: int = 0
+    say: Say = lambda _: None
+    limit: TimeLimit = field(default_factory=TimeLimit)
+
+    def __post_init__(self) -> None:
+        moving = [name for name in self.reduction.moving if name in self.part.joints]
+        self.reduced: Reduced | None = self.reduction.of(self.twin, self.part, moving) if moving else None
+        if self.reduced is None:
+            return
+        small = self.reduced.twin
+        self.pieces = spread(self.reduced.train, MOST_TRAIN_S)
+        self.held = spread(self.reduced.holdout, MOST_HELD_S)
+        self.variables = nuisance_variables(small, self.pieces, self.reduced.joints)
+        self.floor, self.corrections = floor_and_corrections(small, self.pieces, self.variables, self.reduced.joints)
+        self.held_corrections = floor_and_corrections(small, self.held, (), self.reduced.joints)[1]
+        drives = np.abs(small.drive[:, small.joints.index(self.joint)])
+        self.actuator = int(np.argmax(drives)) if drives.size and drives.any() else None
+        if self.actuator is None:
+            return
+        self.base = Posterior(
+            small, self.pieces, self.variables, self.reduced.joints, self.floor, corrections=self.corrections,
+            threads=None,
+        )  # fmt: skip
+        neighbours = self._neighbours()
+        self.tracks = [track(small, r, self.joint, self.actuator, neighbours) for r in (*self.train, *self.holdout)]
+
+    def _neighbours(self) -> list[str]:
+        """Joints that move and stand next to this one: the nearest in the description's order."""
+        moving = [name for name in self.reduction.moving if name != self.joint]
+        order = self.twin.joints
+        here = order.index(self.joint)
+        return sorted(moving, key=lambda name: abs(order.index(name) - here))[:MOST_NEIGHBOURS]
+
+    # -- the model alone -----------------------------------------------------------------------------------
+
+    @cached_property
+    def alone(self) -> Reached:
+        """What is uncertain about the model anyway, fitted without any law."""
+        return gauss_newton(self.base, self.base.start, len(self.variables), ROUNDS)
+
+    @property
+    def times_floor(self) -> float:
+        """What the model leaves of this joint, in floors, with everything uncertain as fitted."""
+        assert self.reduced is not None
+        return float(self.base.times_floor(self.alone.point)[self.reduced.joints.index(self.joint)])
+
+    @property
+    def within_floor(self) -> bool:
+        return self.times_floor <= FLOOR_CHI_SQUARE
+
+    # -- ports and variables -------------------------------------------------------------------------------
+
+    def trials(self) -> list[Trial]:
+        """Every port and variable by one linear step each, the best first."""
+        assert self.reduced is not None
+        kp = float(self.reduced.twin.model.actuator_gainprm[self.actuator, 0])
+        seen = self.tracks[: len(self.train)]
+        together = {
+            name: np.concatenate([getattr(t, name) for t in seen])
+            for name in ("position", "velocity", "error", "command", "heat")
+        }
+        neighbours = {n: np.concatenate([t.neighbours[n] for t in seen]) for n in seen[0].neighbours}
+        seconds = max(float(t.time_s[-1]) for t in seen)
+        own = len(self.variables)
+        temper = np.sqrt(max(1.0, self.alone.cost / self.base.effective_samples))
+        nuisance_slopes = self.alone.slopes
+
+        def tried(feature: Feature) -> Trial:
+            self.limit.check()
+            problem = self.problem(feature, SMOOTHNESS[0])
+            point = problem.point(self.alone.point, np.zeros(len(feature.knots)))
+            rows, slopes = columns(problem, point, range(own, own + len(feature.knots)), _LAW_STEP)
+            fold = folds(problem)
+            data = len(fold)
+            whole = np.concatenate([nuisance_slopes[:data], slopes[:data]], axis=1)
+            best: Trial | None = None
+            for smoothness in (0.0,) if feature.memory else SMOOTHNESS:
+                # what the model gets wrong altogether is no noise of the sensors: beliefs count as much more
+                believed, beliefs = self._beliefs(self.problem(feature, smoothness), point)
+                linear = Linear(rows[:data], whole, fold, temper * believed, temper * beliefs)
+                share = cross_validated(linear, own)
+                if best is None or share > best.share:
+                    best = Trial(feature, share, 0.0, smoothness, linear, point)
+            assert best is not None
+            self.say(f"{feature.name}: {best.share:.0%} of the error by one linear step")
+            return self._stepped(best)
+
+        found = concurrently(tried, features(kp, seconds=seconds, neighbours=neighbours, **together))
+        return sorted(found, key=lambda trial: -trial.promise)
+
+    def _stepped(self, trial: Trial) -> Trial:
+        """The trial with the best of some lengths of its linear step, as roll-outs show it."""
+        problem = self.problem(trial.feature, trial.smoothness)
+        step = trial.linear.step(trial.linear.rows, len(trial.start))
+        points = np.clip(trial.start + np.array(_LENGTHS)[:, None] * step, 0.0, 1.0)
+        costs = (problem.residuals(points) ** 2).sum(axis=1)
+        best = int(np.argmin(costs))
+        return replace(trial, start=points[best], reduction=1.0 - float(costs[best]) / self.alone.cost)
+
+    def _beliefs(self, problem: LawProblem, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """((q,) the priors' rows at a point, (q, p) their slopes)."""
+        at = problem.prior_residuals(np.concatenate([point[None], point[None] + 1e-3 * np.eye(len(point))]))
+        return at[0], (at[1:] - at[0]).T / 1e-3
+
+    def problem(self, feature: Feature, smoothness: float, *, held: bool = False) -> LawProblem:
+        """The error of the twin with such a law, over the motion to fit or the held-out one."""
+        assert self.reduced is not None
+        variables = self.variables
+        if held:
+            variables = tuple(v for v in variables if not isinstance(v, OnsetVariable))
+        return LawProblem(
+            self.reduced.twin,
+            self.held if held else self.pieces,
+            variables,
+            self.reduced.joints,
+            self.floor,
+            feature=feature,
+            joint=self.joint,
+            actuator=self.actuator,
+            tracks=self.tracks,
+            smoothness=smoothness,
+            corrections=self.held_corrections if held else self.corrections,
+        )
+
+    # -- shapes --------------------------------------------------------------------------------------------
+
+    def leading(self, trials: Sequence[Trial]) -> list[FittedLaw]:
+        """The best laws fitted in roll-outs beside the nuisances, judged on held-out motion, the best first.
+
+        Two rounds for those that promise most; those that then lead go on.
+        """
+        promising = sorted(trials, key=lambda trial: -trial.promise)
+        plain = promising[0].share > PLAIN_SHARE
+        promising = promising[: LEADING if plain else RACING]
+
+        def begin(trial: Trial) -> tuple[Trial, LawProblem, Reached]:
+            self.limit.check()
+            problem = self.problem(trial.feature, trial.smoothness)
+            return trial, problem, gauss_newton(problem, trial.start, problem.own, ROUNDS_RACING)
+
+        def go_on(begun: tuple[Trial, LawProblem, Reached]) -> FittedLaw:
+            self.limit.check()
+            trial, problem, reached = begun
+            law = self.judged(trial, problem, gauss_newton(problem, reached.point, problem.own, ROUNDS))
+            self.say(f"{trial.feature.name}: {law.gain:.0%} of the held-out error")
+            return law
+
+        begun = sorted(concurrently(begin, promising), key=lambda one: self._price(one[1], one[2]))
+        return sorted(concurrently(go_on, begun[:LEADING]), key=lambda law: -law.nats)
+
+    def _price(self, problem: LawProblem, reached: Reached) -> float:
+        """What is left by a law, with the price of its values: lower is better."""
+        count = max(problem.effective_samples, 2.0)
+        return count * float(np.log(reached.cost / count)) + _freedom(problem, reached) * float(np.log(count))
+
+    def judged(self, trial: Trial, problem: LawProblem, reached: Reached, *, freedom: float | None = None) -> FittedLaw:
+        """The evidence of a law that has been fitted, and its gain on held-out motion; `freedom` are its values."""
+        before, after = self._held(None, self.alone.point), self._held(problem, reached.point)
+        total_before, total_after = float(before.mean()), float(after.mean())
+        block = max(1, int(BLOCK_S / float(np.median(np.diff(self.held[0].time_s)))))
+        count = max(problem.effective_samples, 2.0)
+        alone = count * float(np.log(max(self.alone.cost / count, 1.0)))
+        with_law = count * float(np.log(max(reached.cost / count, 1.0)))
+        price = (_freedom(problem, reached) if freedom is None else freedom) * float(np.log(count))
+        return FittedLaw(
+            problem=problem,
+            reached=reached,
+            nats=0.5 * (alone - with_law - price),
+            mse_before=total_before,
+            mse_after=total_after,
+            gain=1.0 - total_after / max(total_before, 1e-30),
+            gain_ci95=block_gain(before, after, block, self.seed),
+            trial=trial,
+        )
+
+    def _held(self, problem: LawProblem | None, point: np.ndarray, twin: TwinModel | None = None) -> np.ndarray:
+        """(n,) rad^2: mean over the joints of each held-out sample's squared error."""
+        assert self.reduced is not None
+        kept = [i for i, v in enumerate(self.variables) if not isinstance(v, OnsetVariable)]
+        shifts = [v.value(point[i]) for i, v in enumerate(self.variables) if isinstance(v, OnsetVariable)]
+        shift = float(np.mean(shifts)) if shifts else 0.0
+        moved = [r.with_onset(r.onset_s + shift) for r in self.held]
+        if problem is None:
+            variables = [self.variables[i] for i in kept]
+            judge = Posterior(
+                twin or self.reduced.twin, moved, variables, self.reduced.joints, self.floor,
+                corrections=self.held_corrections, threads=None,
+            )  # fmt: skip
+            at = point[kept]
+        else:
+            judge = self.problem(problem.feature, problem.smoothness, held=True).shifted(shift)
+            at = np.concatenate([point[kept], point[problem.own :]])
+        residuals = [r[0] for r in judge.joint_residuals(at[None])]
+        columns = [self.reduced.twin.joints.index(name) for name in self.reduced.joints]
+        known = [np.isfinite(r.measured[:, columns]) for r in self.held]
+        return np.concatenate([(r**2).mean(axis=1)[k.any(axis=1)] for r, k in zip(residuals, known, strict=True)])
+
+    def gain_of(self, changed: TwinModel) -> float:
+        """What another twin of the part takes away of the held-out error, nothing fitted beside it."""
+        before, after = (self._held(None, self.base.start, twin) for twin in (None, changed))
+        return 1.0 - float(after.mean()) / max(float(before.mean()), 1e-30)
+
+    def null_share(self, trial: Trial) -> float:
+        """How often residuals that are moved in time, so that nothing depends on anything, fit as well as this."""
+        random = np.random.default_rng(self.seed)
+        rows, own = trial.linear.rows, len(self.variables)
+        as_well = 0
+        for _ in range(NULL_DRAWS):
+            blocks = np.array_split(rows, max(4, len(rows) // 100))
+            moved = np.concatenate([blocks[i] * random.choice((-1.0, 1.0)) for i in random.permutation(len(blocks))])
+            as_well += cross_validated(trial.linear, own, moved) >= trial.share
+        return (1 + as_well) / (1 + NULL_DRAWS)
+
+
+def _freedom(problem: LawProblem, reached: Reached) -> float:
+    """How many values the data determine of a law's, the smoothness taken off."""
+    own = range(problem.own, reached.slopes.shape[1])
+    data = len(reached.rows) - problem.prior_residuals(reached.point[None]).shape[1]
+    seen = reached.slopes[:data, own].T @ reached.slopes[:data, own]
+    whole = reached.slopes[:, own].T @ reached.slopes[:, own]
+    return float(np.trace(np.linalg.pinv(whole) @ seen))

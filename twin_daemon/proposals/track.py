@@ -1,0 +1,71 @@
+"""What was measured along a recording, on the steps of a roll-out: what a law may depend on beside a state."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from twin_daemon.estimation.partition import restricted
+from twin_daemon.proposals.features import HEATING_S
+from twin_daemon.simulation.alignment import Aligned
+from twin_daemon.simulation.twin import TwinModel
+
+_SMOOTHED_S = 0.06
+
+
+@dataclass(frozen=True)
+class Track:
+    """One recording at times `time_s` (m,): the joint's angle and speed, the servo's target and error, its heat, and
+    its neighbours' angles, each (m,). `onset_s` is the recording's own, by which pieces of it know their place."""
+
+    sha256: str
+    onset_s: float
+    time_s: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    command: np.ndarray
+    error: np.ndarray
+    heat: np.ndarray
+    neighbours: dict[str, np.ndarray]
+
+    def begin_s(self, piece: Aligned) -> float:
+        """When a piece of this recording begins."""
+        return self.onset_s - piece.onset_s
+
+
+def track(small: TwinModel, whole: Aligned, joint: str, actuator: int, neighbours: Sequence[str]) -> Track:
+    """The measured motion of one recording as a law at `joint` and its servo sees it."""
+    step_s = float(small.model.opt.timestep)
+    grid = np.arange(int(np.ceil(whole.time_s[-1] / step_s)) + 1) * step_s
+    cut = restricted(whole, small)
+    period = float(np.median(np.diff(whole.time_s)))
+
+    def smooth(name: str) -> np.ndarray:
+        column = whole.states[:, whole.joints.index(name)]
+        known = np.isfinite(column)
+        if not known.any():
+            return np.zeros_like(grid)
+        window = 2 * int(0.5 * _SMOOTHED_S / period) + 1
+        values = column[known]
+        if 5 <= window < len(values):
+            values = savgol_filter(values, window, 2)
+        return np.interp(grid, whole.time_s[known], values)
+
+    own = {name: smooth(name) for name in small.joints}
+    position = own[joint]
+    actuated = sum(c * own[name] for c, name in zip(small.drive[actuator], small.joints, strict=True))
+    command = cut.controls(small, grid)[:, actuator]
+    error = command - actuated
+    power = error**2 / max(float(np.mean(error**2)), 1e-12)
+    heat = np.empty_like(power)
+    warm, keep = 0.0, np.exp(-step_s / HEATING_S)
+    for index, now in enumerate(power):
+        warm = keep * warm + (1.0 - keep) * now
+        heat[index] = warm
+    velocity = np.gradient(position, step_s)
+    found = {name: smooth(name) for name in neighbours}
+    sha = whole.recording.sha256
+    return Track(sha, whole.onset_s, grid, position, velocity, command, error, heat, found)
