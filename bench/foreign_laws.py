@@ -1,7 +1,8 @@
 """A small arm with laws that no effect of the library describes, written down where they act: torque, servo, reading.
 
 The laws are this file's own; nothing of the package's effects or proposals is used. The plant steps at half a
-millisecond, its damping, friction, armature and gain are off the nominal ones by up to `spread`, its readings have noise.
+millisecond, its damping, friction, armature and gain are off the nominal ones by up to `spread`, and its readings have
+noise.
 """
 
 from __future__ import annotations
@@ -47,10 +48,10 @@ Torque = Callable[[Now], float]
 
 @dataclass(frozen=True)
 class Law:
-    """One law at the elbow: `torque` N m beside the servo's, `gain` a factor on the servo's torque, `reading` rad added.
+    """One law at the elbow: N m beside the servo's torque, a factor on the servo's torque, rad added to the reading.
 
-    `port` and `variables` are what a proposal should say; several answers may be as right. Laws with a memory are made
-    anew for each run by `make`.
+    `answers` are ports with a variable that a proposal should name; several may be as right. `make` makes the three
+    anew for each run, since some remember.
     """
 
     key: str

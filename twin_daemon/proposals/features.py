@@ -7,7 +7,6 @@ coefficients say how strong each is. A curve may be multiplied by the joint's di
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -123,5 +122,5 @@ def _even(values: np.ndarray, count: int) -> tuple[float, ...]:
 def _by_size(values: np.ndarray) -> tuple[float, ...]:
     """Knots that are dense about 0, where laws of speeds and errors bend, and reach the largest of either sign."""
     far = float(np.percentile(np.abs(values), 99.5)) or 1.0
-    half: Sequence[float] = far * np.array([0.03, 0.1, 0.25, 0.5, 1.0])
-    return (*(-np.array(half)[::-1]), 0.0, *half)
+    half = [far * share for share in (0.03, 0.1, 0.25, 0.5, 1.0)]
+    return (*(-x for x in reversed(half)), 0.0, *half)

@@ -7,7 +7,7 @@ Bayesian information criterion; the values are then fitted again in roll-outs, w
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -39,6 +39,24 @@ class Formula:
     family: Family
     values: np.ndarray
 
+    def in_order(self) -> Formula:
+        """The same law with positive sizes and widths, and a phase within half a turn."""
+        values = self.values.copy()
+        if self.family.key == "sine":
+            for index, partner in ((1, 2), (0, None)):
+                if values[index] >= 0.0:
+                    continue
+                values[index] = -values[index]
+                if partner is not None:  # sin(-n x + p) = sin(n x + (pi - p))
+                    values[partner] = np.pi - values[partner]
+                else:
+                    values[2] += np.pi
+            values[2] = float(np.angle(np.exp(1j * values[2])))
+        elif self.family.key in ("bump", "notch") and values[2] < 0.0:
+            values[2] = -values[2]
+            values[0] *= -1.0 if self.family.key == "notch" else 1.0
+        return replace(self, values=values)
+
     def text(self, variable: str) -> str:
         """The formula with its values, such as `0.05 sin(9 q + 0.7)`."""
         named = dict(zip(self.family.names, (f"{v:.3g}" for v in self.values), strict=True))
@@ -54,16 +72,16 @@ def _sine(p: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _bump(p: np.ndarray, x: np.ndarray) -> np.ndarray:
-    return p[0] * np.exp(-(((x - p[1]) / _positive(p[2])) ** 2)) + p[3]
+    return p[0] * np.exp(-(((x - p[1]) / _away_from_zero(p[2])) ** 2)) + p[3]
 
 
 def _notch(p: np.ndarray, x: np.ndarray) -> np.ndarray:
-    u = (x - p[1]) / _positive(p[2])
+    u = (x - p[1]) / _away_from_zero(p[2])
     return -p[0] * u * np.exp(0.5 - 0.5 * u**2) + p[3]
 
 
 def _settling(p: np.ndarray, x: np.ndarray) -> np.ndarray:
-    return p[0] * (1.0 - np.exp(-np.maximum(x, 0.0) / _positive(p[1]))) + p[2]
+    return p[0] * (1.0 - np.exp(-np.maximum(x, 0.0) / abs(_away_from_zero(p[1])))) + p[2]
 
 
 def _power(p: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -84,7 +102,7 @@ def _dead_zone(p: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _silent(p: np.ndarray, x: np.ndarray) -> np.ndarray:
-    half = _positive(p[0])
+    half = abs(_away_from_zero(p[0]))
     # over a fiftieth of the zone, so that a fit finds a slope
     return -x / (1.0 + np.exp(np.clip((np.abs(x) - half) / (0.02 * half), -60.0, 60.0)))
 
@@ -93,8 +111,9 @@ def _saturating(p: np.ndarray, x: np.ndarray) -> np.ndarray:
     return np.clip(x, -abs(p[0]), abs(p[0])) - x
 
 
-def _positive(value: float) -> float:
-    return max(abs(float(value)), 1e-9)
+def _away_from_zero(value: float) -> float:
+    value = float(value)
+    return value if abs(value) > 1e-9 else 1e-9
 
 
 def _sine_starts(x: np.ndarray, y: np.ndarray) -> list[list[float]]:
@@ -168,7 +187,7 @@ def formulas(feature: Feature, coefficients: np.ndarray, sigmas: np.ndarray) -> 
                 lambda p, family=family: (family.shape(p, x) - coefficients) / noise, start, max_nfev=200
             )
             bits = 2.0 * fit.cost + len(family.names) * np.log(len(x))
-            found.append((float(bits), Formula(family, fit.x)))
+            found.append((float(bits), Formula(family, fit.x).in_order()))
     return [formula for _, formula in sorted(found, key=lambda item: item[0])]
 
 

@@ -224,6 +224,7 @@ class JointSearch:
     def problem(self, feature: Feature, smoothness: float, *, held: bool = False) -> LawProblem:
         """The error of the twin with such a law, over the motion to fit or the held-out one."""
         assert self.reduced is not None
+        assert self.actuator is not None
         variables = self.variables
         if held:
             variables = tuple(v for v in variables if not isinstance(v, OnsetVariable))

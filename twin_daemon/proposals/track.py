@@ -51,7 +51,7 @@ def track(small: TwinModel, whole: Aligned, joint: str, actuator: int, neighbour
         window = 2 * int(0.5 * _SMOOTHED_S / period) + 1
         values = column[known]
         if 5 <= window < len(values):
-            values = savgol_filter(values, window, 2)
+            values = np.asarray(savgol_filter(values, window, 2), float)
         return np.interp(grid, whole.time_s[known], values)
 
     own = {name: smooth(name) for name in small.joints}

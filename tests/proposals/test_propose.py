@@ -1,0 +1,122 @@
+"""A law that was planted is proposed with its port, its variables and its formula; nothing is made of nothing."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.proposals.conftest import UNEXPLAINED
+from twin_daemon.cli.app import main
+from twin_daemon.diagnosis.verdict import Diagnosis
+from twin_daemon.proposals.propose import propose
+from twin_daemon.simulation.twin import TwinModel
+
+Recorded = Callable[[str, float, float], list[list[Any]]]
+
+
+@pytest.fixture(scope="module")
+def eccentric(
+    arm: Path, bags: Callable[..., tuple[Path, Path]], tmp_path_factory: pytest.TempPathFactory
+) -> tuple[dict[str, Any], Path]:
+    """What the command wrote of a sensor that sits off the axis, and the state folder in which it did."""
+    folder = tmp_path_factory.mktemp("eccentric")
+    fit, held = bags("eccentric_sensor", 8.0, 6.0)
+    diagnosis, result = folder / "diagnosis.json", folder / "proposals.json"
+    diagnosis.write_text(UNEXPLAINED.model_dump_json(by_alias=True), encoding="utf-8")
+    words = ["--model", str(arm), "--recording", str(fit), "--holdout", str(held), "--joints", "elbow"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TWIN_STATE_DIR", str(folder / "state"))
+        assert main(["propose", *words, "--diagnosis", str(diagnosis), "--json", str(result)]) == 0
+    return json.loads(result.read_text(encoding="utf-8")), folder / "state"
+
+
+@pytest.mark.slow
+def test_an_eccentric_sensor_is_proposed_as_a_sine_of_the_angle(eccentric: tuple[dict[str, Any], Path]) -> None:
+    (proposal,) = eccentric[0]["proposals"]
+    assert (proposal["port"], proposal["variables"], proposal["joints"]) == ("reading", ["position"], ["elbow"])
+    found = {name: one["value"] for name, one in proposal["parameters"].items()}
+    assert found["amplitude"] == pytest.approx(0.05, rel=0.1)
+    assert found["waves"] == pytest.approx(9.0, rel=0.03)
+    assert found["phase"] == pytest.approx(0.7, abs=0.1)
+    assert "sin" in proposal["formula"]
+    assert proposal["holdout_gain"] > 0.95
+    low, high = proposal["holdout_gain_ci95"]
+    assert 0.0 < low <= proposal["holdout_gain"] <= high
+    assert 0.5 < proposal["probability"] < 1.0
+
+
+@pytest.mark.slow
+def test_what_the_command_writes_keeps_its_contract(eccentric: tuple[dict[str, Any], Path]) -> None:
+    content, state = eccentric
+    assert content["schema"] == 1
+    (proposal,) = content["proposals"]
+    names = {"name", "port", "variables", "joints", "formula", "holdout_gain", "holdout_gain_ci95", "probability"}
+    assert names <= proposal.keys()
+    assert Path(proposal["file"]).is_relative_to(state)
+    assert Path(proposal["file"]).name == f"{proposal['name']}.effect.yaml"
+    curve = proposal["curve"]
+    assert len(curve["at"]) == len(curve["value"]) == len(curve["lower"]) == len(curve["upper"])
+    assert curve["visited"][0] < curve["visited"][1]
+    assert proposal["native"]["exact"] is True
+    assert any(row["port"] == "torque" for row in content["tried"])
+
+
+@pytest.mark.slow
+def test_a_proposal_is_added_like_any_effect(
+    eccentric: tuple[dict[str, Any], Path],
+    arm: Path,
+    bags: Callable[..., tuple[Path, Path]],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    content, state = eccentric
+    name = content["proposals"][0]["name"]
+    fit, held = bags("eccentric_sensor", 8.0, 6.0)
+    monkeypatch.setenv("TWIN_STATE_DIR", str(state))
+    added, listed = tmp_path / "added.json", tmp_path / "effects.json"
+    words = ["--model", str(arm), "--set", "strength=1", "--recording", str(fit), "--holdout", str(held)]
+    assert main(["add", name, "--joint", "elbow", *words, "--json", str(added)]) == 0
+    result = json.loads(added.read_text(encoding="utf-8"))
+    before, after = (result[f"holdout_joints_{when}"]["mse_rad2"] for when in ("before", "after"))
+    assert after < 0.2 * before
+    assert result["version"]
+    assert main(["effects", "--json", str(listed)]) == 0
+    assert name in {one["key"] for one in json.loads(listed.read_text(encoding="utf-8"))["effects"]}
+
+
+@pytest.mark.slow
+def test_a_notch_is_proposed_as_a_torque_over_the_angle(twin: TwinModel, recorded: Recorded) -> None:
+    (proposal,) = propose(twin, *recorded("notch", 8.0, 6.0), UNEXPLAINED, joints=["elbow"]).proposals
+    assert (proposal.port, proposal.variables) == ("torque", ("position",))
+    curve = np.interp([0.24, 0.36], proposal.curve.at, proposal.curve.value)
+    assert curve[0] > 0.2  # N m, of 0.35 that were planted on either side of 0.3 rad
+    assert curve[1] < -0.2
+    assert proposal.holdout_gain > 0.7
+
+
+@pytest.mark.slow
+def test_a_servo_that_fades_is_proposed_as_its_gain_over_time(twin: TwinModel, recorded: Recorded) -> None:
+    (proposal,) = propose(twin, *recorded("fading_gain", 10.0, 8.0), UNEXPLAINED, joints=["elbow"]).proposals
+    assert proposal.port == "command"
+    assert proposal.variables == ("time", "error")
+    assert proposal.curve.value[-1] - proposal.curve.value[0] < -0.2
+    assert proposal.holdout_gain > 0.5
+
+
+def test_a_sound_robot_gets_no_proposal(twin: TwinModel, recorded: Recorded) -> None:
+    found = propose(twin, *recorded("sound", 8.0, 6.0), UNEXPLAINED, joints=["elbow"])
+    assert not found.proposals
+    assert "floor" in found.reason
+
+
+@pytest.mark.parametrize("verdict", ["explained", "ambiguous", "within_noise", "not_excited"])
+def test_no_law_is_searched_where_the_library_has_the_answer(verdict: Any, twin: TwinModel, recorded: Recorded) -> None:
+    given = Diagnosis.without_findings(verdict, "said elsewhere")
+    found = propose(twin, *recorded("sound", 8.0, 6.0), given, joints=["elbow"])
+    assert not found.proposals
+    assert found.verdict == verdict
