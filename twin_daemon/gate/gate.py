@@ -247,7 +247,7 @@ class Gate:
                 self._lease = Lease(asked.who.name, asked.reason, now_s + asked.lease_s, now_s, asked.sequence)
             self._mode, self._ended = "armed", ""
             self._first_sent_s = -np.inf
-            if not self._shaper.given.any():  # what still lets go may need the whole way back
+            if not self._shaper.is_given:  # what still lets go may need the whole way back
                 self._path = Path(len(self.limits.names))
             if self._shaper.still:  # else the turns go on, and with them the time between two
                 self._last_turn_s = now_s
@@ -308,7 +308,7 @@ class Gate:
 
     def _expect(self, since_s: float, now_s: float) -> None:
         """The twin goes on beside the hand; where it failed, or was exchanged, it begins where the hand is."""
-        if not self._shaper.given.any():
+        if not self._shaper.is_given:
             return
         if not self._expected.running:
             self._expected.begin(self._senses.pose, self._start())
@@ -340,10 +340,11 @@ class Gate:
 
     def _send(self, now_s: float, wall_ns: int) -> Sendable | None:
         given = self._shaper.given
-        if not given.any():
+        if not self._shaper.is_given:
             return None
         row = self._shaper.position
-        if np.array_equal(row[given], self._sent_row[given]) and now_s - self._sent_s < _RESEND_S:
+        position = row[given]
+        if np.array_equal(position, self._sent_row[given]) and now_s - self._sent_s < _RESEND_S:
             return None
         self._number += 1
         self._stamp_ns = max(wall_ns, self._stamp_ns + 1)
@@ -352,8 +353,8 @@ class Gate:
         if self._first_sent_s < 0.0:
             self._first_sent_s = now_s
         names = self._names_of(given)
-        self._own.sent(self._stamp_ns, names, row[given], now_s)
-        return make_sendable(self._number, self._stamp_ns, names, row[given])
+        self._own.sent(self._stamp_ns, names, position, now_s)
+        return make_sendable(self._number, self._stamp_ns, names, position)
 
     def _names_of(self, given: np.ndarray) -> tuple[str, ...]:
         if self._named[0] != (which := given.tobytes()):
@@ -386,7 +387,7 @@ class Gate:
         low, high = self._path.bounds()
         bounds = np.maximum(low, self.limits.lower), np.minimum(high, self.limits.upper)
         found = LetGo(rest, measured, self.limits.margin, bounds, now_s)
-        if not given.any():
+        if not shaper.is_given:
             if not self._is_last or not found.is_needed:
                 return
             shaper.begin(rest)

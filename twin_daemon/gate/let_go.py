@@ -28,7 +28,7 @@ class Path:
         np.fmax(self._high, setpoint, out=self._high)
         sent = setpoint - self._sent
         way = np.abs(sent)
-        far = way >= _PROOF_RAD
+        far = (way >= _PROOF_RAD) & ~self._proven
         if far.any():
             went = np.sign(sent) * (measured - self._read)
             self._proven |= far & (went >= _PROOF_RAD) & (went <= 2.0 * way)

@@ -53,8 +53,9 @@ class Motion:
 
     def over(self, setpoint: np.ndarray, still: bool) -> bool:
         """Whether the setpoints (c,) have come to its end."""
-        away = np.abs(setpoint - self.table[-1])[self.moved]
-        return still and self.elapsed_s >= self.duration_s and bool((away <= _ARRIVED_RAD).all())
+        if not still or self.elapsed_s < self.duration_s:
+            return False
+        return bool((np.abs(setpoint - self.table[-1])[self.moved] <= _ARRIVED_RAD).all())
 
     def fastest(self) -> np.ndarray:
         """(c,) rad/s: the greatest velocity that the plan itself asks for; 0 for what it does not move."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import mujoco
@@ -55,22 +54,24 @@ class Preview:
         self, measured: np.ndarray, begin: np.ndarray, end: np.ndarray, resolution_rad: float = RESOLUTION_RAD
     ) -> Collision | None:
         """The first on the straight way between two sets of targets (c,); joints (j,) without one are as measured."""
-        moving = np.isfinite(begin) & np.isfinite(end)
-        way = float(np.abs(end - begin)[moving].max(initial=0.0))
-        count = max(1, int(np.ceil(way / resolution_rad)))
+        way = float(np.fmax.reduce(np.abs(end - begin), initial=0.0))
+        if way <= resolution_rad:
+            return self.along(measured, end[None], now=begin)
+        count = int(np.ceil(way / resolution_rad))
         shares = np.arange(1, count + 1) / count
         return self.along(measured, begin[None] + shares[:, None] * (end - begin)[None], now=begin)
 
     def along(self, measured: np.ndarray, path: np.ndarray, now: np.ndarray) -> Collision | None:
         """The first collision on a path (n, c) of targets; `now` (c,) are those of the present."""
         before: dict[tuple[int, int], float] | None = None
+        rest = np.where(np.isfinite(measured), measured, 0.0).tolist()
         for number, targets in enumerate(path):
-            for pose in self._poses(measured, targets):
+            for pose in self._poses(rest, targets):
                 for bodies, depth_m in self._overlaps(pose).items():
                     if depth_m <= self._depth_m:
                         continue
                     if before is None:
-                        before = self._worst(self._poses(measured, now))
+                        before = self._worst(self._poses(rest, now))
                     if depth_m > before.get(bodies, 0.0) + _SAME_M:
                         names = (self._model.body(bodies[0]).name, self._model.body(bodies[1]).name)
                         return Collision(names, depth_m, (number + 1) / len(path))
@@ -83,18 +84,18 @@ class Preview:
                 worst[bodies] = max(depth_m, worst.get(bodies, 0.0))
         return worst
 
-    def _poses(self, measured: np.ndarray, targets: np.ndarray) -> list[list[float]]:
-        """Angles (j,) rad. Plain numbers: some twenty of them are faster one by one than as arrays."""
-        pose = [angle if math.isfinite(angle) else 0.0 for angle in measured.tolist()]
-        row = targets.tolist()
+    def _poses(self, rest: list[float], targets: np.ndarray) -> list[list[float]]:
+        """Angles (j,) rad, those of `rest` without a target. Plain numbers: some twenty of them are faster one by one
+        than as arrays."""
+        pose, row, known = rest.copy(), targets.tolist(), np.isfinite(targets).tolist()
         for command, joint in self._alone:
-            if math.isfinite(row[command]):
+            if known[command]:
                 pose[joint] = row[command]
         after = pose.copy()
         for command, joints, ranges in self._shared:
-            left = row[command]
-            if not math.isfinite(left):
+            if not known[command]:
                 continue
+            left = row[command]
             for joint, (low, high) in zip(joints, ranges, strict=True):
                 pose[joint] = row[command] / len(joints)
                 after[joint] = min(max(left, low), high)

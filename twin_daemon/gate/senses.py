@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +23,7 @@ class Senses:
         self._joints = twin.joints
         self._readings = Readings(twin.hand, twin.joints, settings)
         self._heard = np.full(len(twin.joints), np.nan), np.full(len(twin.joints), -np.inf)
+        self._of_commands: tuple[Any, np.ndarray, np.ndarray] | None = None
         self._told = np.full(len(limits.names), np.nan)
         self.effort: dict[str, float] = {}
         parts = [[twin.joints.index(j) for j in info.joints] for info in twin.hand.description.commands.values()]
@@ -49,7 +51,15 @@ class Senses:
 
     def by_command(self) -> np.ndarray:
         """(c,) rad: the sum of each command's joints."""
-        return self._summed(self._heard[0])
+        return self._by_command()[0]
+
+    def _by_command(self) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (c,) rad and arrivals (c,) s by command, computed once for what was heard last."""
+        heard, known = self._heard, self._of_commands
+        if known is None or known[0] is not heard:
+            arrival_s = np.minimum.reduceat(heard[1][self._parts], self._firsts)
+            known = self._of_commands = heard, self._summed(heard[0]), arrival_s
+        return known[1:]
 
     def _summed(self, joints: np.ndarray) -> np.ndarray:
         return np.add.reduceat(joints[..., self._parts], self._firsts, axis=-1)
@@ -69,7 +79,7 @@ class Senses:
 
     def arrivals_s(self) -> np.ndarray:
         """(c,) when the older of each command's joints was heard, s."""
-        return np.minimum.reduceat(self._heard[1][self._parts], self._firsts)
+        return self._by_command()[1]
 
     def ages_s(self, now_s: float) -> np.ndarray:
         """(c,) s since each command's joints were measured."""

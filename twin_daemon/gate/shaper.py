@@ -19,27 +19,27 @@ class Shaper:
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
-        self.position = np.full(len(limits.names), np.nan)
-        self.velocity = np.zeros(len(limits.names))
-
-    @property
-    def still(self) -> bool:
-        return not self.velocity.any()
-
-    @property
-    def given(self) -> np.ndarray:
-        """(c,) bool: which commands have a setpoint."""
-        return np.isfinite(self.position)
+        self._twice_acceleration = 2.0 * limits.acceleration
+        self._room = np.empty((3, len(limits.names)))
+        self.forget()
 
     def begin(self, position: np.ndarray) -> None:
         """Sets the setpoints of commands that have none from `position` (c,), where it is known; at rest."""
         fresh = ~self.given & np.isfinite(position)
         self.position[fresh] = self._limits.clip(position)[fresh]
+        self.given = self.given | fresh
+        self.is_given = bool(self.given.any())
 
     def forget(self) -> None:
         """No command has a setpoint."""
-        self.position[:] = np.nan
-        self.velocity[:] = 0.0
+        self.position = np.full(len(self._limits.names), np.nan)
+        self.velocity = np.zeros(len(self._limits.names))
+        self.still = True
+        """Whether all setpoints are at rest."""
+        self.given = np.zeros(len(self._limits.names), dtype=bool)
+        """(c,) which commands have a setpoint. Replaced as a whole."""
+        self.is_given = False
+        """Whether any command has one."""
 
     def stopping(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """(c,) where setpoints with this position and velocity come to rest when they brake."""
@@ -51,23 +51,29 @@ class Shaper:
         change = limits.acceleration * dt_s
         aims = np.isfinite(target)
         away = np.where(aims, target - self.position, 0.0)
-        wanted = np.copysign(np.minimum(self._braking(np.abs(away), change), limits.velocity), away)
+        room = self._room  # to the target, and to either bound
+        np.abs(away, out=room[0])
+        np.subtract(self.position, limits.lower, out=room[1])
+        np.subtract(limits.upper, self.position, out=room[2])
+        to_target, to_lower, to_upper = self._braking(room, change)
+        wanted = np.copysign(np.minimum(to_target, limits.velocity), away)
         wanted = np.minimum(np.maximum(wanted, velocity - change), velocity + change)
         # a target may have turned round; the bounds of the joint are still never passed
-        wanted = np.maximum(wanted, -self._braking(self.position - limits.lower, change))
-        wanted = np.minimum(wanted, self._braking(limits.upper - self.position, change))
+        wanted = np.minimum(np.maximum(wanted, -to_lower), to_upper)
         wanted = np.where(given, wanted, 0.0)
         position = limits.clip(self.position + wanted * dt_s)
         # the last nanoradian, which would otherwise be halved for ever
-        there = aims & (np.abs(away) <= _THERE_RAD) & (np.abs(velocity) <= change)
-        if there.any():
+        near = aims & (room[0] <= _THERE_RAD)
+        if near.any():
+            there = near & (np.abs(velocity) <= change)
             position, wanted = np.where(there, limits.clip(target), position), np.where(there, 0.0, wanted)
         return np.where(given, position, np.nan), wanted
 
     def take(self, position: np.ndarray, velocity: np.ndarray) -> None:
         """Makes what `toward` proposed the setpoints."""
         self.position, self.velocity = position, velocity
+        self.still = not velocity.any()
 
     def _braking(self, distance: np.ndarray, change: np.ndarray) -> np.ndarray:
         """The greatest v with v dt + v^2 / 2a <= distance, for a dt = `change`; 0 where there is no room."""
-        return np.sqrt(change * change + 2.0 * self._limits.acceleration * np.fmax(distance, 0.0)) - change
+        return np.sqrt(change * change + self._twice_acceleration * np.fmax(distance, 0.0)) - change
