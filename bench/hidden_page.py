@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from scipy.stats import beta
 
-from bench.random_robots.score import outcome, same
+from bench.random_robots.score import is_cause, outcome, same
 
 _CERTAIN = 3.0
 _BINS = (1.5, 3.0, 6.0, 12.0, 31.0)
+_CLAIMED = (0.0, 0.5, 0.8, 0.95, 0.99, 1.0)
 _NOT_COMPARED = {"payload"}
 """Effects whose planted number is no parameter of the library's: a load that is not quite at the end of its link."""
 
@@ -63,6 +64,7 @@ def page(results: Sequence[Result], planned: int, half: str) -> str:
         out.append(_row(what, goal, mine, "right"))
     out.append(_row("all: `explained` with a wrong name", "<= 2 %", results, "sure_and_wrong"))
     out += ["", *_seconds(results), "", "## Planted values", "", *_values(results)]
+    out += ["", "## Probabilities", "", *_reliability(results)]
     out += ["", "## Power against strength", "", *_power(results)]
     out += ["", "## By robot", "", *_groups(results, lambda one: one["truth"]["robot"]["kind"])]
     out += ["", "## By what was hidden", "", *_groups(results, _hidden_key)]
@@ -147,6 +149,24 @@ def _values(results: Sequence[Result]) -> list[str]:
             f"| {case} | {effect} {name} | {planted:.3g} | {said['value']:.3g} ({low:.3g} to {high:.3g}) | {z:.1f} |"
         )
     return out
+
+
+def _reliability(results: Sequence[Result]) -> list[str]:
+    """How often the set of causes that was held most probable is the right one, against its probability."""
+    said = [(one["said"]["probabilities"][0], one["truth"]) for one in results if one["said"].get("probabilities")]
+    if not said:
+        return ["No case has probabilities."]
+    claimed = np.array([first["probability"] for first, _ in said])
+    right = np.array([is_cause(first["effects"], truth) for first, truth in said])
+    out = ["| probability of the first | of | right | mean probability |", "|---" * 4 + "|"]
+    error = 0.0
+    for low, high in pairwise(_CLAIMED):
+        inside = (claimed > low) & (claimed <= high)
+        if inside.any():
+            share, mean = right[inside].mean(), claimed[inside].mean()
+            error += inside.mean() * abs(share - mean)
+            out.append(f"| {low:g} to {high:g} | {inside.sum()} | {share:.0%} | {mean:.2f} |")
+    return [*out, "", f"Expected calibration error {error:.3f} (goal 0.05), of {len(said)} answers."]
 
 
 def _power(results: Sequence[Result]) -> list[str]:

@@ -50,6 +50,21 @@ def same(found: dict[str, Any], one: dict[str, Any]) -> bool:
     return bool(common)
 
 
+def is_cause(effects: list[str], truth: dict[str, Any]) -> bool:
+    """Whether a set of causes, each `effect:place`, is what is hidden; a place counts where a joint has its name."""
+    hidden, kind = truth["effects"], truth["kind"]
+    if kind in ("nothing", "foreign"):
+        return list(effects) == ["nothing" if kind == "nothing" else "unknown"]
+    said = [tuple(name.partition(":")[::2]) for name in effects]
+    if len(said) != len(hidden):
+        return False
+    return all(any(key == one["effect"] and _is_at(place, one) for key, place in said) for one in hidden)
+
+
+def _is_at(place: str, one: dict[str, Any]) -> bool:
+    return one["scope"] == "robot" or any(place == joint or place[:-1] == joint[:-1] for joint in one["joints"])
+
+
 def tied(found: dict[str, Any], said: dict[str, Any], truth: dict[str, Any]) -> bool:
     """Whether an `ambiguous` answer names the hidden effect beside nothing but what cannot be told from it."""
     one = truth["effects"][0]

@@ -230,6 +230,8 @@ class streaming:
 def _show(console: Console, payload: dict[str, Any], found: Diagnosis) -> None:
     console.print(f"[bold]{IN_WORDS[found.verdict]}[/]")
     console.print(f"  {plain_text(found.reason)}")
+    if found.probabilities:
+        console.print(f"  {plain_text('; '.join(map(str, found.probabilities)))}")
     for finding in found.findings:
         show_finding(console, finding)
     for moved in found.moved_parameters:

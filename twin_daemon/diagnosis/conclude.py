@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from twin_daemon.comparison.conditions import errors_by_condition
 from twin_daemon.diagnosis.candidates import Hypothesis
 from twin_daemon.diagnosis.fit import Fit, own_estimates
 from twin_daemon.diagnosis.part_fit import PartFit
-from twin_daemon.diagnosis.thresholds import FORBIDDEN_SIGMA, MOST_NAMED, WORST_SHOWN
+from twin_daemon.diagnosis.probability import combined, posterior, unknown
+from twin_daemon.diagnosis.thresholds import DECISIVE_NATS, FORBIDDEN_SIGMA, MOST_NAMED, SURE, WORST_SHOWN
 from twin_daemon.diagnosis.validation import HeldOut
 from twin_daemon.diagnosis.verdict import Diagnosis, Failure, Finding, MovedParameter, PartSummary, Trial, VerdictName
 from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
@@ -19,17 +20,28 @@ from twin_daemon.simulation.twin import TwinModel
 
 @dataclass(frozen=True)
 class Accepted:
-    """An effect that passed held-out validation: its part, how it was judged, and what it cannot be told from."""
+    """An effect that passed held-out validation: its part, how it was judged, and what it cannot be told from.
+
+    `weighed` has the evidence in nats of all that competed with it, by name, and `decisive_nats` how far behind
+    something has to be to be ruled out.
+    """
 
     part: PartFit
     fit: Fit
     judged: HeldOut
     rivals: tuple[Accepted, ...] = ()
+    weighed: Mapping[str, float] = field(default_factory=dict)
+    decisive_nats: float = DECISIVE_NATS
 
     @property
     def hypothesis(self) -> Hypothesis:
         assert self.fit.hypothesis is not None
         return self.fit.hypothesis
+
+    @property
+    def posterior(self) -> dict[str, float]:
+        """Probabilities of what may be at this place among the causes, given that it is one of the library."""
+        return posterior(self.weighed, self.decisive_nats)
 
 
 @dataclass
@@ -48,6 +60,15 @@ class Outcome:
     """Whether time was over before it had been searched to the end."""
     undetectable: list[str] = field(default_factory=list)
     """Of a part within the floor the effects that its motion would not have shown, where these are many."""
+
+    @property
+    def unknown(self) -> float:
+        """Probability that the part lacks what is no law of the library."""
+        left = self.left
+        if not self.within_floor and not self.accepted:
+            left = max(left, self.chi_square / FLOOR_CHI_SQUARE)
+        sigma = max((abs(s) for s in self.deviating.values()), default=0.0)
+        return unknown(left, above=not self.within_floor, sigma=sigma, most_sigma=FORBIDDEN_SIGMA)
 
 
 def forced_nuisances(outcome: Outcome) -> list[tuple[str, float]]:
@@ -68,15 +89,16 @@ def conclude(
     touching: Sequence[str],
     interrupted: bool,
     shared: Sequence[Finding] = (),
+    shared_posterior: Mapping[str, float] | None = None,
 ) -> Diagnosis:
     """`shared` are findings of several groups together, after which these are within the floor."""
-    findings = [*shared, *(_finding(item) for outcome in outcomes for item in outcome.accepted)]
+    findings = [*shared, *(_finding(item, o.unknown) for o in outcomes for item in o.accepted)]
     findings.sort(key=lambda f: -f.evidence_nats)
     above = [o for o in outcomes if not o.within_floor]
     unexplained = [o for o in above if o.left > 1.0]
     forced = [(o, *worst) for o in above for worst in forced_nuisances(o)]
     unsettled = [o for o in above if o.left <= 1.0 and not o.accepted and o.chi_square > FLOOR_CHI_SQUARE]
-    ambiguous = [f for f in findings if f.confusable_with]
+    ambiguous = [f for f in findings if f.confusable_with or (f.probability or 0.0) < SURE]
     unfinished = [o for o in above if o.unfinished]
     verdict: VerdictName
     if interrupted and not outcomes:
@@ -103,7 +125,8 @@ def conclude(
     elif ambiguous:
         verdict = "ambiguous"
         first = ambiguous[0]
-        reason = f"{first.effect} at {first.target} cannot be told from {', '.join(first.confusable_with)}"
+        others = ", ".join(first.confusable_with) or "other laws"
+        reason = f"{first.effect} at {first.target} cannot be told from {others}"
     elif findings:
         verdict, reason = "explained", "; ".join(f"{f.effect} at {f.target}" for f in findings)
     elif unsettled:
@@ -116,6 +139,7 @@ def conclude(
         verdict=verdict,
         reason=reason,
         findings=tuple(findings),
+        probabilities=combined(_causes(outcomes, shared_posterior), [o.unknown for o in outcomes]),
         tried=tuple(t for o in outcomes for t in o.tried),
         where=where_it_fails(twin, train),
         parts={
@@ -132,6 +156,12 @@ def conclude(
     )
 
 
+def _causes(outcomes: Sequence[Outcome], shared: Mapping[str, float] | None) -> list[Mapping[str, float]]:
+    """One distribution for each place among the causes."""
+    own = [item.posterior for outcome in outcomes for item in outcome.accepted]
+    return [*([shared] if shared else []), *own]
+
+
 def _too_poor(outcome: Outcome) -> str:
     effects = list(dict.fromkeys(name.partition(":")[0] for name in outcome.undetectable))
     some = ", ".join(effects[:MOST_NAMED]) + (
@@ -143,7 +173,7 @@ def _too_poor(outcome: Outcome) -> str:
     )
 
 
-def _finding(accepted: Accepted) -> Finding:
+def _finding(accepted: Accepted, unknown: float) -> Finding:
     part, fit, judged, hypothesis = accepted.part, accepted.fit, accepted.judged, accepted.hypothesis
     twin = part.twin
     if hypothesis.target == "hand":
@@ -164,6 +194,7 @@ def _finding(accepted: Accepted) -> Finding:
         holdout_gain=judged.gain,
         holdout_gain_ci95=judged.gain_ci95,
         confusable_with=tuple(rival.hypothesis.name for rival in accepted.rivals),
+        probability=(1.0 - unknown) * accepted.posterior[hypothesis.name],
         explanation=f"{effect.story.what} {effect.story.shows} Likely cause: {effect.story.cause} "
         f"What to do: {effect.story.remedy}",
     )

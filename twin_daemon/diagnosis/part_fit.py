@@ -243,9 +243,12 @@ class PartFit:
 
     def evidence_nats(self, fit: Fit) -> float:
         """Gain over the nuisances alone in nats, after the Bayesian information criterion's price of parameters."""
-        own = sum(v.prior is None for v in fit.problem.variables)
-        price = own * np.log(max(self.problem.effective_samples, 2.0))
-        return 0.5 * (self.base.cost - fit.cost - price)
+        return 0.5 * (self.base.cost - fit.cost) - self.price(fit.problem)
+
+    def price(self, problem: Posterior) -> float:
+        """Nats that a problem's parameters without a prior cost, by the Bayesian information criterion."""
+        own = sum(v.prior is None for v in problem.variables)
+        return 0.5 * own * float(np.log(max(self.problem.effective_samples, 2.0)))
 
     def held_out(self, fit: Fit, recordings: Sequence[Aligned], *, adjusted: bool = False) -> list[np.ndarray]:
         """Residuals (n, k) rad of a fit on held-out recordings, with its nuisances as fitted, at a fine step.

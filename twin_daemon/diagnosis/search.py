@@ -10,7 +10,7 @@ from twin_daemon.diagnosis.fit import Fit
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.power import undetectable
 from twin_daemon.diagnosis.selection import Say, next_effect, swap_rivals
-from twin_daemon.diagnosis.shared import Shared, SharedSearch, shared_causes
+from twin_daemon.diagnosis.shared import Shared, SharedSearch, look, shared_causes
 from twin_daemon.diagnosis.thresholds import (
     DEVIATING_SIGMA,
     FULL_FIT_ROLLOUTS,
@@ -53,12 +53,13 @@ def diagnose(
     findings: list[Finding] = []
     touching: list[str] = []
     above: list[tuple[Reduced, PartFit]] = []
+    shared: Shared | None = None
     interrupted = False
     try:
         chosen = [(g, [n for n in moving if n in g.joints]) for g in drive_groups(twin)]
         cut = [(g.name, reduction.of(twin, g, own)) for g, own in chosen if own]
         touching = [name for name, reduced in cut if reduced is None]
-        looked_at = concurrently(_look, [reduced for _, reduced in cut if reduced is not None])
+        looked_at = concurrently(look, [reduced for _, reduced in cut if reduced is not None])
         for reduced, part in sorted(looked_at, key=lambda item: float(item[1].times_floor.max())):
             seen = any(o.within_floor and not o.undetectable for o in outcomes)
             outcome = _within_floor(part, reduced, seed, say, seen=seen)
@@ -82,7 +83,8 @@ def diagnose(
         if not judged & set(reduced.joints):
             outcomes.append(replace(_begun(reduced, part), unfinished=True))
     interrupted = interrupted or any(outcome.unfinished for outcome in outcomes)
-    return conclude(twin, train, outcomes, touching, interrupted, findings)
+    shares = shared.posterior if shared is not None else None
+    return conclude(twin, train, outcomes, touching, interrupted, findings, shares)
 
 
 def _shared(
@@ -151,7 +153,7 @@ class _Hunt:
             if whole is None:
                 self.touching.append(left[0][0].name)
             else:
-                reduced, part = _look(whole)
+                reduced, part = look(whole)
                 self.outcomes.append(self._searched(part, reduced))
 
     def _above(self, twin: TwinModel, groups: Sequence[Reduced]) -> list[tuple[Reduced, PartFit]]:
@@ -159,7 +161,7 @@ class _Hunt:
         reduction = self.reduction.following(twin)
         again = [reduction.of(twin, Part(r.name, r.joints, ()), r.joints) for r in groups]
         above = []
-        for reduced, part in concurrently(_look, [reduced for reduced in again if reduced is not None]):
+        for reduced, part in concurrently(look, [reduced for reduced in again if reduced is not None]):
             outcome = _within_floor(part, reduced, self.seed, self.say, seen=True)
             if outcome is None:
                 above.append((reduced, part))
@@ -169,10 +171,6 @@ class _Hunt:
 
     def _searched(self, part: PartFit, reduced: Reduced) -> Outcome:
         return _search(part, reduced, self.seed, self.say, self.most_effects, self.limit)
-
-
-def _look(reduced: Reduced) -> tuple[Reduced, PartFit]:
-    return reduced, PartFit(reduced.twin, reduced.train, reduced.joints)
 
 
 def _begun(reduced: Reduced, part: PartFit) -> Outcome:

@@ -55,8 +55,10 @@ def next_effect(part: PartFit, validation: Validation, say: Say, outcome: Outcom
         reason = f"explains less: {behind:.0f} nats behind {first_fits[0].hypothesis.name}"
         outcome.tried.append(_lost(first.hypothesis, gain, reason))
         say(f"  {first.hypothesis.name}: {gain:.0f} nats, {behind:.0f} behind the best")
+    weighed = {r.hypothesis.name: 0.5 * (screening.cost - r.cost) - part.price(r.problem) for r in first_fits}
     full = concurrently(limit.checked(lambda first: part.full_fit(first, FULL_FIT_ROLLOUTS)), finalists)
     fits = sorted(((part.evidence_nats(fit), fit) for fit in full), key=lambda item: -item[0])
+    weighed |= {_named(fit): evidence for evidence, fit in fits}
     for evidence, fit in fits:
         say(f"  {_named(fit)}: evidence {evidence:.0f} nats, {fit.chi_square:.1f} times the floor")
     best: Accepted | None = None
@@ -92,8 +94,9 @@ def next_effect(part: PartFit, validation: Validation, say: Say, outcome: Outcom
         return None
     if simpler is not None:
         # both are right on held-out motion, and one is the other at a bound: the simpler is the answer
-        return replace(simpler, rivals=(*rivals, best))
-    return replace(best, rivals=tuple(rivals))
+        best, rivals = simpler, [*rivals, best]
+        weighed[best.hypothesis.name] = best_evidence
+    return replace(best, rivals=tuple(rivals), weighed=weighed, decisive_nats=decisive(best.fit))
 
 
 def _lost(
@@ -219,7 +222,15 @@ def swap_rivals(
         tied = [i for i, nats in enumerate(evidence) if i == most or nats > bar]
         best = min(tied, key=lambda i: (is_idle(fits[i][index]), -evidence[i]))
         close = tuple(choices[i] for i in tied if i != best)
+        moved = evidence[0] - item.weighed[item.hypothesis.name]  # all others as far behind it as they were
+        weighed = {name: nats + moved for name, nats in item.weighed.items()}
+        weighed |= {c.hypothesis.name: nats for c, nats in zip(choices, evidence, strict=True)}
         richer = tuple(r for r in item.rivals if r not in asked) if best == 0 else ()
         found = [replace(a, fit=fit) for a, fit in zip(beside[best], fits[best], strict=True)]
-        found[index] = replace(found[index], rivals=(*(replace(c, rivals=()) for c in close), *richer))
+        found[index] = replace(
+            found[index],
+            rivals=(*(replace(c, rivals=()) for c in close), *richer),
+            weighed=weighed,
+            decisive_nats=decisive(fits[best][index]),
+        )
     return found

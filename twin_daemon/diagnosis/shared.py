@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from twin_daemon.diagnosis.part_fit import PartFit
+from twin_daemon.diagnosis.probability import posterior
 from twin_daemon.diagnosis.screening import over_some
 from twin_daemon.diagnosis.thresholds import (
     DECISIVE_NATS,
@@ -85,6 +86,7 @@ class Shared:
     """A cause that was accepted: its finding, its terms, and the groups with it in their models."""
 
     finding: Finding
+    posterior: Mapping[str, float]
     terms: Terms
     looked_at: list[tuple[Reduced, PartFit]]
 
@@ -177,7 +179,7 @@ class SharedSearch:
 
     def beside(self, cause: SharedCause, values: Mapping[str, float]) -> list[tuple[Reduced, PartFit]]:
         """The groups with a cause in their models, and what is uncertain about them fitted beside it."""
-        return concurrently(_looked_at, self._changed(cause, values))
+        return concurrently(look, self._changed(cause, values))
 
     def _at(self, cause: SharedCause, start: Mapping[str, float], share: float) -> _Begun | None:
         """A cause at a share of a start; None where it cannot stand beside what the twin has."""
@@ -226,7 +228,7 @@ class SharedSearch:
         twin = self._twin.changed(cause.terms(self._twin, found.values))
         reduction = self._reduction.following(twin)
         cut = [reduction.of(twin, Part(r.name, r.joints, ()), r.joints) for r, _ in self._above]
-        looked_at = concurrently(_looked_at, [reduced for reduced in cut if reduced is not None])
+        looked_at = concurrently(look, [reduced for reduced in cut if reduced is not None])
         there = SharedSearch(twin, reduction, looked_at)
         return (*there.fitted(there.at(cause, found.values), limit), there)
 
@@ -249,6 +251,8 @@ class SharedSearch:
         before, after = (np.concatenate([squares[i] for squares, _ in judged]) for i in (0, 1))
         others = [other for other, _ in fits if other is not best]
         ties = tuple(o.cause.name for o in others if 0.5 * (o.cost - best.cost) < DECISIVE_NATS)
+        nothing = float(self._nothing @ self._nothing)
+        shares = posterior({one.cause.name: 0.5 * (nothing - one.cost) for one, _ in fits}, DECISIVE_NATS)
         both = zip(self._above, looked_at, strict=True)
         evidence = 0.5 * sum(old.base.cost - new.base.cost for (_, old), (_, new) in both)
         joints = tuple(dict.fromkeys(joint for reduced, _ in self._above for joint in reduced.joints))
@@ -266,9 +270,10 @@ class SharedSearch:
             holdout_gain=1.0 - float(after.mean() / max(before.mean(), 1e-30)),
             holdout_gain_ci95=block_gain(before, after, max(1, len(before) // 50), seed),
             confusable_with=ties,
+            probability=shares[cause.name],
             explanation=f"{story.what} {story.shows} Likely cause: {story.cause} What to do: {story.remedy}",
         )
-        return Shared(finding, cause.terms(self._twin, values), looked_at)
+        return Shared(finding, shares, cause.terms(self._twin, values), looked_at)
 
     def _judged(
         self, old: tuple[Reduced, PartFit], new: tuple[Reduced, PartFit], seed: int
@@ -280,7 +285,8 @@ class SharedSearch:
         return squares, after.judge(new[1].base).adequate
 
 
-def _looked_at(reduced: Reduced) -> tuple[Reduced, PartFit]:
+def look(reduced: Reduced) -> tuple[Reduced, PartFit]:
+    """A group with the fit of what is uncertain about it."""
     return reduced, PartFit(reduced.twin, reduced.train, reduced.joints)
 
 

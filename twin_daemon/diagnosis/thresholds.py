@@ -65,6 +65,19 @@ MOST_UNDETECTABLE = Threshold(
     1.0 / 3.0, "1", "of a servo's effects: a tenth stays unseen on rich motion, a half on one slow closing"
 )
 
+# -- probabilities -------------------------------------------------------------------------------------------
+
+RIVAL_ODDS = Threshold(19.0, "1", "to one, against a candidate that is decisively behind: 0.95 for the best")
+SURE = Threshold(0.95, "1", "least probability of a cause that is called explained")
+LEAST_PROBABILITY = Threshold(0.01, "1", "of a set of causes that is listed")
+UNKNOWN_PRIOR_ABOVE = Threshold(
+    0.12, "1", "prior of a law of no library where a part is above the floor: the suite's share of such laws"
+)
+UNKNOWN_PRIOR_WITHIN = Threshold(0.01, "1", "the same where a part is at the floor: all that the sensors show is right")
+ADEQUACY_SLOPE = Threshold(
+    12.0, "1", "power of what is left over what a right model may leave, as odds of such a law: 1.2 times gives 9 to 1"
+)
+
 # -- held-out validation -------------------------------------------------------------------------------------
 
 ADEQUATE_FLOORS = Threshold(3.0, "floors", "held-out mean square up to which a model is right: wrong effects leave 9")

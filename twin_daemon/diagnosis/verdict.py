@@ -38,6 +38,7 @@ class Finding(_Said):
     `holdout_mse_*` are in short pieces of its part, by which it is validated; `free_holdout_mse_*` of one free roll-out
     of the whole hand, and `free_holdout_joints_mse_*` of that over its joints: what `twin add` reports when it takes
     the finding over.
+    `probability` is that of this effect at this place among the causes, after all that these data say.
     `values` are all of the effect's, `parameters` those that were fitted with their intervals, and `moved` the model's
     own parameters where they came to lie beside it: absolute, by name.
     """
@@ -57,6 +58,7 @@ class Finding(_Said):
     holdout_gain_ci95: tuple[Number, Number]
     confusable_with: tuple[str, ...]
     explanation: str
+    probability: float | None = None
     values: dict[str, float] = {}
     moved: dict[str, float] = {}
     free_holdout_mse_before_rad2: float | None = _short_named("free_holdout_mse_before")
@@ -118,6 +120,28 @@ class MovedParameter(_Said):
     sigma: Number
 
 
+class Probability(_Said):
+    """How probable a set of causes is: effects with their places, or "nothing", or "unknown" for none of the library.
+
+    Only what is above 1 % is listed, so that the sum may be a little less than 1.
+    """
+
+    effects: tuple[str, ...]
+    probability: Number
+
+    def __str__(self) -> str:
+        names = {"nothing": "nothing is missing", "unknown": "a law that is not in the library"}
+        said = " and ".join(names.get(name, name.replace(":", " at ")) for name in self.effects)
+        return f"{said}: {in_hundred(self.probability)}"
+
+
+def in_hundred(probability: float) -> str:
+    """A probability as one would bet on it: '97 in 100'."""
+    if probability > 0.995:
+        return "more than 99 in 100"
+    return f"{100 * probability:.0f} in 100"
+
+
 class Experiment(_Said):
     """The motion that would settle an open question, in a trajectory file."""
 
@@ -149,6 +173,7 @@ class Diagnosis(_Said):
     verdict: VerdictName
     reason: str
     findings: tuple[Finding, ...]
+    probabilities: tuple[Probability, ...] = ()
     tried: tuple[Trial, ...]
     where: tuple[Failure, ...]
     parts: dict[str, PartSummary]

@@ -1,0 +1,71 @@
+"""How probable each cause is: a posterior over nothing, each effect at its place, their pairs, and no law of these.
+
+Three things are weighed. Between candidates for one place among the causes: their evidence, counted at the rate at
+which evidence is worth its name (nats over an assumed noise are more than one can bet on: model errors are correlated,
+and laws differ in form by as much). Against nothing: the price of having asked so many. Against a law that is not in
+the library: what is left on motion that was not fitted, beside what a right model leaves.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from itertools import product
+
+from twin_daemon.diagnosis.thresholds import (
+    ADEQUACY_SLOPE,
+    LEAST_PROBABILITY,
+    RIVAL_ODDS,
+    UNKNOWN_PRIOR_ABOVE,
+    UNKNOWN_PRIOR_WITHIN,
+)
+from twin_daemon.diagnosis.verdict import Probability
+
+NOTHING, UNKNOWN = "nothing", "unknown"
+
+
+def posterior(evidence_nats: Mapping[str, float], decisive_nats: float) -> dict[str, float]:
+    """Probabilities of the candidates for one place among the causes, and of nothing, given that it is one of these.
+
+    `evidence_nats` are their gains over the model without, after their parameters' price; `decisive_nats` is how far
+    behind a candidate has to be for odds of RIVAL_ODDS against it. All have the same prior; together they have that of
+    nothing.
+    """
+    scale = decisive_nats / math.log(RIVAL_ODDS)
+    nats = {**evidence_nats, NOTHING: math.log(max(len(evidence_nats), 1))}
+    most = max(nats.values())
+    weights = {name: math.exp((value - most) / scale) for name, value in nats.items()}
+    total = sum(weights.values())
+    return {name: weight / total for name, weight in weights.items()}
+
+
+def unknown(adequacy: float, *, above: bool, sigma: float = 0.0, most_sigma: float = 1.0) -> float:
+    """Probability that none of the library's laws is what a part lacks.
+
+    `adequacy` is what is left on held-out motion, in what a right model may leave; `sigma` how far off the furthest
+    nuisance has to be, of `most_sigma` that any plausible robot has. `above` says that the part is above the floor.
+    """
+    prior = UNKNOWN_PRIOR_ABOVE if above else UNKNOWN_PRIOR_WITHIN
+    worst = min(max(adequacy, sigma / most_sigma), 1e3)
+    odds = prior / (1.0 - prior) * worst**ADEQUACY_SLOPE
+    return odds / (1.0 + odds)
+
+
+def combined(causes: Iterable[Mapping[str, float]], unknowns: Iterable[float]) -> tuple[Probability, ...]:
+    """Probabilities of all sets of causes that are not negligible, the most probable first.
+
+    `causes` holds one distribution for each place among the causes, as `posterior` gives them; `unknowns` for each part
+    how probable it is that none of the library's laws is at work there. Places and parts are taken as independent.
+    """
+    sets: dict[tuple[str, ...], float] = {(): math.prod(1.0 - share for share in unknowns)}
+    beyond = 1.0 - sets[()]
+    for one in causes:
+        longer: dict[tuple[str, ...], float] = {}
+        for (names, share), (name, more) in product(sets.items(), one.items()):
+            if share * more > LEAST_PROBABILITY:  # no set that holds it is more probable than that
+                joined = names if name == NOTHING or name in names else (*names, name)
+                longer[joined] = longer.get(joined, 0.0) + share * more
+        sets = longer
+    sets = {names or (NOTHING,): share for names, share in sets.items()} | {(UNKNOWN,): beyond}
+    found = [Probability(effects=names, probability=share) for names, share in sets.items()]
+    return tuple(sorted((p for p in found if p.probability > LEAST_PROBABILITY), key=lambda p: -p.probability))
