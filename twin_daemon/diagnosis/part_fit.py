@@ -192,8 +192,8 @@ class PartFit:
         """The fit on all motion, with the time step's error and all derivatives taken where it has come to.
 
         Once more from where that has come to, if it has gone far; and once more with what may only have made up for
-        other values on the way put back: what began at an end of its range, where a law is simpler, and nuisances
-        that are far off.
+        other values on the way put back: what began at an end of its range, where a law is simpler, what has come to
+        an end of it, where another law begins at the other, and nuisances that are far off.
         """
         problem, found = self._full_fit(first.hypothesis, first.problem, first.point, evaluations)
         return as_fit(first.hypothesis, problem, found)
@@ -215,7 +215,7 @@ class PartFit:
         self, hypothesis: Hypothesis, problem: Posterior, point: np.ndarray, evaluations: int
     ) -> tuple[Posterior, Descent]:
         fit = self._descended(hypothesis, problem, point, evaluations)
-        for put_back in (_ends, _nominal):
+        for put_back in (_ends, _other_ends, _nominal):
             point = put_back(fit)
             if not np.array_equal(point, fit.point):
                 again = self._descended(hypothesis, problem, point, evaluations)
@@ -290,6 +290,20 @@ def _ends(fit: Fit) -> np.ndarray:
         begun = variable.coordinate(variable.start)
         if begun in (0.0, 1.0):
             point[index] = begun
+    return point
+
+
+def _other_ends(fit: Fit) -> np.ndarray:
+    """(p,) the fit's point with those of its effect's shares that have come to one end of their range at the other.
+
+    Between friction that holds and friction that creeps at rest no slope leads from one to the other.
+    """
+    point = fit.point.copy()
+    for index, variable in fit.own_variables:
+        if (variable.lower, variable.upper, variable.unit) == (0.0, 1.0, "1") and variable.at_bound(
+            variable.value(point[index])
+        ):
+            point[index] = np.round(1.0 - point[index])
     return point
 
 

@@ -60,13 +60,12 @@ def diagnose(
         cut = [(g.name, reduction.of(twin, g, own)) for g, own in chosen if own]
         touching = [name for name, reduced in cut if reduced is None]
         looked_at = concurrently(look, [reduced for _, reduced in cut if reduced is not None])
-        for reduced, part in sorted(looked_at, key=lambda item: float(item[1].times_floor.max())):
-            seen = any(o.within_floor and not o.undetectable for o in outcomes)
-            outcome = _within_floor(part, reduced, seed, say, seen=seen)
-            if outcome is None:
-                above.append((reduced, part))
-            else:
-                outcomes.append(outcome)
+        above = _above(looked_at, outcomes, seed, say)
+        if above and twin.hand.description.nominal_uncertainty.mass > 0.0:
+            # once more with what costs most: that links may be heavier than their model
+            reduction = reduction.with_link_masses(twin)
+            again = [reduction.of(twin, Part(r.name, r.joints, ()), r.joints) for r, _ in above]
+            above = _above(concurrently(look, [r for r in again if r is not None]), outcomes, seed, say)
         shared = _shared(twin, reduction, above, len(looked_at), limit, seed, say) if len(above) > 1 else None
         if shared is not None:
             findings.append(shared.finding)
@@ -85,6 +84,24 @@ def diagnose(
     interrupted = interrupted or any(outcome.unfinished for outcome in outcomes)
     shares = shared.posterior if shared is not None else None
     return conclude(twin, train, outcomes, touching, interrupted, findings, shares)
+
+
+def _above(
+    looked_at: Sequence[tuple[Reduced, PartFit]], outcomes: list[Outcome], seed: int, say: Say, *, seen: bool = False
+) -> list[tuple[Reduced, PartFit]]:
+    """The groups at which something is missing; what the others say is added to `outcomes`.
+
+    `seen` says that a group has moved richly enough for the robot to be called sound; otherwise these have to.
+    """
+    found = []
+    for reduced, part in sorted(looked_at, key=lambda item: float(item[1].times_floor.max())):
+        rich = seen or any(o.within_floor and not o.undetectable for o in outcomes)
+        outcome = _within_floor(part, reduced, seed, say, seen=rich)
+        if outcome is None:
+            found.append((reduced, part))
+        else:
+            outcomes.append(outcome)
+    return found
 
 
 def _shared(
@@ -160,14 +177,8 @@ class _Hunt:
         """Those groups that are above the floor with what the twin now has."""
         reduction = self.reduction.following(twin)
         again = [reduction.of(twin, Part(r.name, r.joints, ()), r.joints) for r in groups]
-        above = []
-        for reduced, part in concurrently(look, [reduced for reduced in again if reduced is not None]):
-            outcome = _within_floor(part, reduced, self.seed, self.say, seen=True)
-            if outcome is None:
-                above.append((reduced, part))
-            else:
-                self.outcomes.append(outcome)
-        return above
+        looked_at = concurrently(look, [reduced for reduced in again if reduced is not None])
+        return _above(looked_at, self.outcomes, self.seed, self.say, seen=True)
 
     def _searched(self, part: PartFit, reduced: Reduced) -> Outcome:
         return _search(part, reduced, self.seed, self.say, self.most_effects, self.limit)

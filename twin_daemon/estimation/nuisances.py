@@ -14,7 +14,7 @@ from twin_daemon.estimation.thresholds import (
     FREE_ONSET_SIGMA_S,
     NUISANCE_REACH,
 )
-from twin_daemon.estimation.variables import OnsetVariable, ParameterVariable, Prior, Variable
+from twin_daemon.estimation.variables import LinkVariable, OnsetVariable, ParameterVariable, Prior, Variable
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
 
@@ -50,7 +50,26 @@ def nuisance_variables(twin: TwinModel, recordings: Sequence[Aligned], joints: S
         reach = DELAY_REACH * sigma
         prior = Prior(0.0, sigma)
         found.append(OnsetVariable(f"delay.{number}", "s", -reach, reach, 0.0, recordings=tuple(members), prior=prior))
-    return tuple(found)
+    return (*found, *_link_variables(recordings, joints))
+
+
+def _link_variables(recordings: Sequence[Aligned], joints: Sequence[str]) -> list[LinkVariable]:
+    """Combinations of uncertain link masses, where the recordings carry what these do."""
+    reaction = recordings[0].reaction
+    if reaction is None or reaction.links is None:
+        return []
+    return [
+        LinkVariable(
+            name=f"{joints[0]}.link_masses_{number + 1}",
+            unit="sigma",
+            lower=-NUISANCE_REACH,
+            upper=NUISANCE_REACH,
+            start=0.0,
+            prior=Prior(0.0, 1.0),
+            number=number,
+        )
+        for number in range(reaction.links.torque.shape[2])
+    ]
 
 
 def beside(variables: Sequence[Variable], spoken: Collection[str]) -> tuple[Variable, ...]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from twin_daemon.estimation.posterior import floor_variance
 from twin_daemon.estimation.thresholds import (
     CONTACT_EVERY_S,
     CONTACT_MARGIN_M,
@@ -17,7 +18,9 @@ from twin_daemon.estimation.thresholds import (
 from twin_daemon.estimation.windows import length_s, segments, spread
 from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.contacts import touching_times
+from twin_daemon.simulation.link_masses import LinkPaths, combinations
 from twin_daemon.simulation.prescribed import Motion, Needed, measured_motion, reaction
+from twin_daemon.simulation.reactions import LinkLoads, Reaction
 from twin_daemon.simulation.submodel import Part, parts, submodel, with_coupled
 from twin_daemon.simulation.twin import TwinModel
 
@@ -42,6 +45,7 @@ class Reduction:
         self._touching = [_touching(twin, self._branches, r) for r in (*train, *holdout)]
         self._motions: list[Motion] | None = None
         self._whole: list[Needed] = []
+        self._paths: list[LinkPaths] | None = None
         seen = np.concatenate([_poses(twin, r) for r in train])
         known = np.isfinite(seen).any(axis=0)
         # what is left out is welded where it mostly is
@@ -64,12 +68,16 @@ class Reduction:
         outside = [name for name in self.moving if name not in small.joints]
         if outside and self._motions is None:
             self._smoothed(twin)
-        pieces = []
-        for index, (recording, masks) in enumerate(zip(recordings, self._touching, strict=True)):
+        cuts: list[Aligned] = []
+        for index, recording in enumerate(recordings):
             cut = restricted(recording, small)
             if outside and self._motions is not None:
                 cut = replace(cut, reaction=reaction(self._needed(twin)[index], small))
-            pieces.append(segments(cut, joints, self._touched(masks, joints)))
+            cuts.append(cut)
+        if self._paths is not None:
+            cuts = self._with_links(twin, cuts, joints, small)
+        touched = [self._touched(masks, joints) for masks in self._touching]
+        pieces = [segments(cut, joints, when) for cut, when in zip(cuts, touched, strict=True)]
         count = len(self._train)
         train = spread([p for found in pieces[:count] for p in found], MOST_PART_S)
         holdout = spread([p for found in pieces[count:] for p in found], MOST_PART_S)
@@ -80,8 +88,34 @@ class Reduction:
     def following(self, twin: TwinModel) -> Reduction:
         """The same with the measured motion smoothed by a twin that follows it better."""
         other = copy.copy(self)
-        other._motions, other._whole = None, []
-        return other if self._motions is None else other._smoothed(twin)
+        other._motions, other._whole, other._paths = None, [], None
+        if self._motions is not None:
+            other._smoothed(twin)
+        return other if self._paths is None else other.with_link_masses(twin)
+
+    def with_link_masses(self, twin: TwinModel) -> Reduction:
+        """The same with what uncertain masses of links do to a part: as torques by sigma, in its recordings."""
+        other = copy.copy(self)
+        if other._motions is None:
+            other._smoothed(twin)
+        other._paths = [LinkPaths.along(twin, motion) for motion in other._motions or ()]
+        return other
+
+    def _with_links(
+        self, twin: TwinModel, cuts: Sequence[Aligned], joints: Sequence[str], small: TwinModel
+    ) -> list[Aligned]:
+        share = twin.hand.description.nominal_uncertainty.mass
+        torques = [paths.torques(joints, share) for paths in self._paths or ()]
+        floor = floor_variance(cuts[: len(self._train)], joints)
+        least = np.array([small.scale(joint).kp for joint in joints]) * np.sqrt(floor)
+        chosen = combinations(torques, np.maximum(least, 1e-12))
+        if not chosen.size:
+            return list(cuts)
+        found = []
+        for cut, paths, torque in zip(cuts, self._paths or (), torques, strict=True):
+            loads = LinkLoads(paths.time_s, tuple(joints), torque @ chosen)
+            found.append(replace(cut, reaction=replace(cut.reaction or Reaction(None), links=loads)))
+        return found
 
     def _smoothed(self, twin: TwinModel) -> Reduction:
         self._motions = [measured_motion(twin, r) for r in (*self._train, *self._holdout)]

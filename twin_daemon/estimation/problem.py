@@ -15,7 +15,7 @@ from twin_daemon.estimation.thresholds import (
     DIVERGED_RAD,
     PAST_S,
 )
-from twin_daemon.estimation.variables import Settings, Variable
+from twin_daemon.estimation.variables import LinkVariable, Settings, Variable
 from twin_daemon.simulation.alignment import Aligned, resample
 from twin_daemon.simulation.parameters import KINDS
 from twin_daemon.simulation.rollout import remembers, roll_out
@@ -60,6 +60,7 @@ class Problem:
         # in the kinds' order: a spring's stiffness is written before its preload
         self._refs = {ref.name: ref for ref in sorted(refs, key=lambda ref: list(KINDS).index(ref.kind.key))}
         self._nominal = {name: ref.read(twin.base_model) for name, ref in self._refs.items()}
+        self._links = [(i, v) for i, v in enumerate(self.variables) if isinstance(v, LinkVariable)]
         self._constants = any(ref.kind.constants for ref in self._refs.values())
         self._grids = [np.arange(int(np.ceil(r.time_s[-1] / twin.model.opt.timestep)) + 1) for r in recordings]
         self._starts = [r.start_state(twin) for r in recordings]
@@ -143,7 +144,7 @@ class Problem:
                 qpos,
                 qvel,
                 before=controls[:, : len(past)] if len(past) else None,
-                applied=self._applied(recording, grid, [c.measurement for c in candidates]),
+                applied=self._applied(recording, grid, [c.measurement for c in candidates], points),
                 loaded=True,
                 threads=self.threads,
             )
@@ -174,8 +175,10 @@ class Problem:
             start[self.twin.qpos_adr[known]] += moved[known]
         return starts, qvel[None]
 
-    def _applied(self, recording: Aligned, grid: np.ndarray, measurements: Sequence[Measurement]) -> np.ndarray | None:
-        """(1 or B, T, nv) what joints outside of the model do to it on a grid of times (T,) s."""
+    def _applied(
+        self, recording: Aligned, grid: np.ndarray, measurements: Sequence[Measurement], points: np.ndarray
+    ) -> np.ndarray | None:
+        """(1 or B, T, nv) what is outside of the model does to it on a grid of times (T,) s, for points (B, p)."""
         if recording.reaction is None:
             return None
         distinct: list[Measurement] = []
@@ -184,8 +187,14 @@ class Problem:
                 distinct.append(measurement)
         forces = [recording.reaction.applied(self.twin, grid, measurement) for measurement in distinct]
         if len(distinct) == 1:
-            return forces[0][None]
-        return np.stack([forces[distinct.index(measurement)] for measurement in measurements])
+            found = forces[0][None]
+        else:
+            found = np.stack([forces[distinct.index(measurement)] for measurement in measurements])
+        sigmas = np.array([[v.value(point[i]) for i, v in self._links] for point in points])
+        if sigmas.any():
+            by_sigma = recording.reaction.applied_by_links(self.twin, grid)[:, :, [v.number for _, v in self._links]]
+            found = found + np.einsum("tvq,bq->btv", by_sigma, sigmas)
+        return found
 
     def _controls(self, recording: Aligned, grid: np.ndarray, onset_s: float) -> np.ndarray:
         """Controls (T, nu) of a roll-out on a grid of times (T,) s."""

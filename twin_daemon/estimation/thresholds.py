@@ -83,6 +83,9 @@ MOST_PIECE_S = Threshold(3.0, "s", "more than that, at most: a free roll-out for
 STILL_RAD_S = Threshold(0.03, "rad/s", "a joint that is slower stands still")
 STILL_S = Threshold(0.12, "s", "for so long, so that a piece may start there")
 STILL_RAD = Threshold(3e-3, "rad", "travel that noise and resolution make of a joint at rest")
+BENDS = Threshold(
+    4.0, "1", "times the variance that a cubic leaves of the samples around a start: a line that leaves more bends"
+)
 UNSCORED_S = Threshold(0.1, "s", "after a start, in which effects with a memory find their state")
 BEFORE_CONTACT_S = Threshold(0.03, "s", "left out before a contact: its time is uncertain by as much")
 AFTER_CONTACT_S = Threshold(0.15, "s", "left out after it, until what it did has died away")

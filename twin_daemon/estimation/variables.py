@@ -171,7 +171,17 @@ class OnsetVariable(_Bounded):
             into.onsets_s[index] += float(value)
 
 
-Variable: TypeAlias = ParameterVariable | EffectVariable | OnsetVariable
+@dataclass(frozen=True)
+class LinkVariable(_Bounded):
+    """A combination of link masses by its `number`, in sigma: torques in a roll-out, beside the model."""
+
+    number: int = field(kw_only=True)
+
+    def write(self, value: float, into: Settings) -> None:
+        """Nothing: the model keeps its own masses."""
+
+
+Variable: TypeAlias = ParameterVariable | EffectVariable | OnsetVariable | LinkVariable
 
 
 def anchored(variable: Variable) -> Variable:

@@ -16,6 +16,7 @@ import numpy as np
 from twin_daemon.estimation.thresholds import (
     AFTER_CONTACT_S,
     BEFORE_CONTACT_S,
+    BENDS,
     LEAST_PIECE_S,
     LOOK_FOR_REST_S,
     MOST_EXCERPT_S,
@@ -28,6 +29,8 @@ from twin_daemon.estimation.thresholds import (
     UNSCORED_S,
 )
 from twin_daemon.simulation.alignment import Aligned
+
+_CUBIC = 3
 
 
 def segments(aligned: Aligned, joints: Sequence[str], touching: np.ndarray | None = None) -> list[Aligned]:
@@ -114,19 +117,35 @@ def _piece(aligned: Aligned, start: int, stop: int, width: int) -> Aligned:
 
 
 def _state(time_s: np.ndarray, measured: np.ndarray, index: int, width: int) -> tuple[np.ndarray, np.ndarray]:
-    """((j,) rad, (j,) rad/s) of all joints at a sample, from the straight line through those around it."""
+    """((j,) rad, (j,) rad/s) of all joints at a sample, from the line or the cubic through those around it.
+
+    A joint that is turning bends: the mean of the samples around it is then not where it is.
+    """
     half = max(2, width // 3)
     window = slice(max(0, index - half), index + half + 1)
     pose, speed = np.full(measured.shape[1], np.nan), np.zeros(measured.shape[1])
     for joint, column in enumerate(measured[window].T):
         known = np.isfinite(column)
         if known.sum() >= 4:
-            slope, at = np.polyfit(time_s[window][known], column[known], 1)
-            still = abs(slope) < STILL_RAD_S
+            slope, at, bends = _local(time_s[window][known], column[known])
+            still = abs(slope) < STILL_RAD_S and not bends
             pose[joint], speed[joint] = (column[known].mean(), 0.0) if still else (at, slope)
         elif known.any():
             pose[joint] = column[known].mean()
     return pose, speed
+
+
+def _local(time_s: np.ndarray, values: np.ndarray) -> tuple[float, float, bool]:
+    """(slope, value) at time 0 of samples (n,), and whether they bend: a line leaves far more than a cubic does."""
+    line = np.polyfit(time_s, values, 1)
+    if len(values) > 2 * _CUBIC:
+        cubic = np.polyfit(time_s, values, _CUBIC)
+        left, least = (
+            float(((np.polyval(fit, time_s) - values) ** 2).sum()) / (len(values) - len(fit)) for fit in (line, cubic)
+        )
+        if left > BENDS * max(least, 1e-18):
+            return float(cubic[-2]), float(cubic[-1]), True
+    return float(line[0]), float(line[1]), False
 
 
 def excerpts(recordings: Sequence[Aligned]) -> list[Aligned]:

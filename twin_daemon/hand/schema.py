@@ -169,6 +169,8 @@ class NominalUncertainty(_Strict):
     frictionloss: Annotated[float, Field(ge=0, le=1)] = 0.12
     armature: Annotated[float, Field(ge=0, le=1)] = 0.12
     gain: Annotated[float, Field(ge=0, le=1)] = 0.12
+    mass: Annotated[float, Field(ge=0, le=1)] = 0.03
+    """Of each link: its mass, its inertia, and its centre of mass as a share of the distance from the link's origin."""
 
     def of(self, kind: str) -> float:
         """That of a kind of parameter, as its name ends: "damping", "frictionloss", "armature" or "kp"."""

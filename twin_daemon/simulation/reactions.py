@@ -1,4 +1,4 @@
-"""What joints outside a sub-model do to it while they move, as torques."""
+"""What joints and links outside a sub-model do to it while they move, as torques."""
 
 from __future__ import annotations
 
@@ -55,11 +55,33 @@ class _Torques:
 
 
 @dataclass(frozen=True)
-class Reaction:
-    """Torques on a sub-model's joints along a recording that begins `begin_s` after the motion that they are from."""
+class LinkLoads:
+    """Torques (m, k, q) N m on k joints at `time_s` (m,), one for each sigma of q combinations of link masses."""
 
-    torques: _Torques
+    time_s: np.ndarray
+    joints: tuple[str, ...]
+    torque: np.ndarray
+
+    def applied(self, twin: TwinModel, time_s: np.ndarray) -> np.ndarray:
+        """(T, nv, q) generalised forces of a sub-model at times (T,) s, linear in between."""
+        out = np.zeros((len(time_s), twin.model.nv, self.torque.shape[2]))
+        for column, joint in enumerate(self.joints):
+            dof = twin.dof_adr[twin.joints.index(joint)]
+            for mode in range(out.shape[2]):
+                out[:, dof, mode] = np.interp(time_s, self.time_s, self.torque[:, column, mode])
+        return out
+
+
+@dataclass(frozen=True)
+class Reaction:
+    """Torques on a sub-model's joints along a recording that begins `begin_s` after the motion that they are from.
+
+    `torques` is None where the joints outside are still; `links` is what uncertain masses of links may add.
+    """
+
+    torques: _Torques | None
     begin_s: float = 0.0
+    links: LinkLoads | None = None
 
     @classmethod
     def along(cls, source: Prescribed) -> Reaction:
@@ -74,6 +96,9 @@ class Reaction:
 
         With another `measurement` than the motion was read with, the joints were elsewhere than they seemed.
         """
+        out = np.zeros((len(time_s), twin.model.nv))
+        if self.torques is None:
+            return out
         source = self.torques.source
         torque = self.torques.nominal
         if measurement is not None:
@@ -81,8 +106,12 @@ class Reaction:
             moved = measurement.invert(source.joints, seen) - source.position
             if moved.any():
                 torque = torque + np.einsum("mkj,mj->mk", self.torques.slopes, moved)
-        out = np.zeros((len(time_s), twin.model.nv))
         for column, joint in enumerate(source.joints):
             dof = twin.dof_adr[twin.joints.index(joint)]
             out[:, dof] = np.interp(time_s + self.begin_s, source.time_s, torque[:, column])
         return out
+
+    def applied_by_links(self, twin: TwinModel, time_s: np.ndarray) -> np.ndarray:
+        """(T, nv, q) generalised forces by sigma of each combination of link masses."""
+        assert self.links is not None
+        return self.links.applied(twin, time_s + self.begin_s)

@@ -1,0 +1,122 @@
+"""What links that are heavier, longer or stouter than their model do to the joints that carry them, as torques.
+
+Masses, centres of mass and inertias of a model are a few per cent off. Torques are linear in them (Featherstone 2008,
+chapter 10), so that along a measured motion each gives a torque signal at each joint that carries its link. Many give
+nearly the same one: of all of them, weighed by how uncertain they are, the few combinations are kept that a joint's
+servo lets be seen (the principal components of its deflection).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from twin_daemon.simulation.prescribed import Motion
+from twin_daemon.simulation.submodel import upwards
+from twin_daemon.simulation.twin import TwinModel
+
+UNSEEN_FLOORS = 0.1
+"""Mean square of what is left out, in floors: it widens a residual by a twentieth."""
+
+MOST_COMBINATIONS = 12
+"""Of a group of joints: a serial arm's proximal joint has some ten that low noise shows."""
+
+
+@dataclass(frozen=True)
+class LinkPaths:
+    """How all links of a robot move along one recording, in the world: b bodies, v joints, m times.
+
+    `centre` (m, b, 3) with its `force` (m, b, 3) for moving and carrying the mass there, `frame` (m, b, 3, 3) the axes
+    of inertia, `spin` (m, b, 3) the change of angular momentum, `axis` and `anchor` (m, v, 3) of the joints.
+    """
+
+    twin: TwinModel
+    time_s: np.ndarray
+    centre: np.ndarray
+    force: np.ndarray
+    frame: np.ndarray
+    spin: np.ndarray
+    axis: np.ndarray
+    anchor: np.ndarray
+
+    @classmethod
+    def along(cls, twin: TwinModel, motion: Motion) -> LinkPaths:
+        """Of all links of a whole robot along its measured motion."""
+        model, data = twin.model, mujoco.MjData(twin.model)
+        count, bodies = len(motion.time_s), model.nbody
+        centre, frame = np.empty((count, bodies, 3)), np.empty((count, bodies, 9))
+        turning = np.empty((count, bodies, 3))
+        axis, anchor = np.empty((count, model.njnt, 3)), np.empty((count, model.njnt, 3))
+        for row in range(count):
+            data.qpos[twin.qpos_adr] = motion.position[row]
+            data.qvel[twin.dof_adr] = motion.velocity[row]
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_comVel(model, data)
+            centre[row], frame[row], turning[row] = data.xipos, data.ximat, data.cvel[:, :3]
+            axis[row], anchor[row] = data.xaxis, data.xanchor
+        step_s = float(motion.time_s[1] - motion.time_s[0])
+        frames = frame.reshape(count, bodies, 3, 3)
+        own = np.einsum("mbji,mbj->mbi", frames, turning) * model.body_inertia
+        momentum = np.einsum("mbij,mbj->mbi", frames, own)
+        weight = _twice(centre, step_s) - model.opt.gravity
+        force, spin = model.body_mass[:, None] * weight, np.gradient(momentum, step_s, axis=0)
+        return cls(twin, motion.time_s, centre, force, frames, spin, axis, anchor)
+
+    def torques(self, joints: Sequence[str], share: float) -> np.ndarray:
+        """(m, k, p) N m of k joints: for each link that they carry its mass, centre (three ways) and inertia, by sigma.
+
+        All are uncertain by a `share` of themselves, a centre by that share of its distance from the link's joint.
+        """
+        twin, model, step_s = self.twin, self.twin.model, float(self.time_s[1] - self.time_s[0])
+        dofs = [int(twin.dof_adr[twin.joints.index(joint)]) for joint in joints]
+        carries = np.array([[int(model.dof_bodyid[d]) in upwards(model, b) for b in range(model.nbody)] for d in dofs])
+        found = []
+        for body in np.flatnonzero(carries.any(axis=0)):
+            force, mass = self.force[:, body], float(model.body_mass[body])
+            if mass <= 0.0:
+                continue
+            none = np.zeros_like(force)
+            loads = [(force, none, none)]  # what pulls at the centre, how far that is off, and what turns it
+            distance = float(np.linalg.norm(model.body_ipos[body]))
+            for way in range(3):
+                shift = distance * self.frame[:, body, :, way]
+                loads.append((mass * _twice(shift, step_s), shift, none))
+            loads.append((none, none, self.spin[:, body]))
+            for pull, shift, turn in loads:
+                column = np.zeros((len(self.time_s), len(dofs)))
+                for index, dof in enumerate(dofs):
+                    if not carries[index, body]:
+                        continue
+                    joint = int(model.dof_jntid[dof])
+                    axis = self.axis[:, joint]
+                    if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE:
+                        column[:, index] = (axis * pull).sum(axis=1)
+                    else:
+                        arm = self.centre[:, body] - self.anchor[:, joint]
+                        moment = np.cross(arm, pull) + np.cross(shift, force) + turn
+                        column[:, index] = (axis * moment).sum(axis=1)
+                found.append(share * column)
+        return np.stack(found, axis=2) if found else np.zeros((len(self.time_s), len(dofs), 0))
+
+
+def combinations(torques: Sequence[np.ndarray], least: np.ndarray) -> np.ndarray:
+    """(p, q) the combinations of p parameters that show, from their torques (m, k, p) a recording.
+
+    `least` (k,) N m is a joint's torque that bends its servo by one standard deviation of its floor.
+    """
+    seen = [torque / least[None, :, None] for torque in torques]
+    count = sum(len(one) for one in seen)
+    power = sum(np.einsum("mkp,mkq->pq", one, one) for one in seen) / max(count, 1)
+    sizes, ways = np.linalg.eigh(power)
+    left = np.cumsum(sizes)  # ascending: what is left out if all up to here are
+    first = int(np.searchsorted(left, UNSEEN_FLOORS, side="right"))
+    return ways[:, max(first, ways.shape[1] - MOST_COMBINATIONS) :][:, ::-1]
+
+
+def _twice(values: np.ndarray, step_s: float) -> np.ndarray:
+    """The second derivative of (m, ...) by time."""
+    return np.gradient(np.gradient(values, step_s, axis=0), step_s, axis=0)
