@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -31,6 +33,20 @@ def test_pieces_cover_the_whole_and_start_from_what_was_measured(aligned: Aligne
         columns = [aligned.joints.index(joint) for joint in JOINTS]
         np.testing.assert_allclose(piece.start_position[columns], aligned.measured[row, columns], atol=5e-3)
         assert np.isnan(piece.measured[0, columns]).all()  # not scored where the start was read
+
+
+def test_a_piece_that_begins_in_a_swing_begins_where_the_joint_was(aligned: Aligned, rng: np.random.Generator) -> None:
+    rate, size, noise = 30.0, 0.15, 5e-5
+    turn = rate * aligned.time_s
+    column = aligned.joints.index("rh_FFJ3")
+    measured = aligned.measured.copy()
+    measured[:, column] = 0.8 + size * np.sin(turn) + noise * rng.standard_normal(len(turn))
+    pieces = segments(replace(aligned, measured=measured, unhidden=None), ("rh_FFJ3",))
+    assert len(pieces) > 1
+    for piece in pieces[1:]:
+        begin = rate * (aligned.onset_s - piece.onset_s)
+        assert piece.start_position[column] == pytest.approx(0.8 + size * np.sin(begin), abs=0.02 * size)
+        assert piece.start_velocity[column] == pytest.approx(size * rate * np.cos(begin), abs=0.15 * size * rate)
 
 
 def test_time_in_contact_is_in_no_piece(aligned: Aligned) -> None:

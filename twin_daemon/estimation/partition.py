@@ -13,12 +13,14 @@ from twin_daemon.estimation.thresholds import (
     CONTACT_EVERY_S,
     CONTACT_MARGIN_M,
     LEAST_CLEAR_S,
+    LEFT_OUT_FLOORS,
+    MOST_LINK_COMBINATIONS,
     MOST_PART_S,
 )
 from twin_daemon.estimation.windows import length_s, segments, spread
 from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.contacts import touching_times
-from twin_daemon.simulation.link_masses import LinkPaths, combinations
+from twin_daemon.simulation.link_masses import LinkPaths
 from twin_daemon.simulation.prescribed import Motion, Needed, measured_motion, reaction
 from twin_daemon.simulation.reactions import LinkLoads, Reaction
 from twin_daemon.simulation.submodel import Part, parts, submodel, with_coupled
@@ -131,6 +133,22 @@ class Reduction:
         """(n,) bool: when any branch that has some of the joints touches something."""
         found = [masks[b.name] for b in self._branches if b.name in masks and set(joints) & set(b.joints)]
         return np.any(found, axis=0) if found else None
+
+
+def combinations(torques: Sequence[np.ndarray], least: np.ndarray) -> np.ndarray:
+    """(p, q) the combinations of p parameters that show, from their torques (m, k, p) a recording.
+
+    Many masses give nearly the same torque: the principal components of what they do to a servo are kept.
+
+    `least` (k,) N m is a joint's torque that bends its servo by one standard deviation of its floor.
+    """
+    seen = [torque / least[None, :, None] for torque in torques]
+    count = sum(len(one) for one in seen)
+    power = sum(np.einsum("mkp,mkq->pq", one, one) for one in seen) / max(count, 1)
+    sizes, ways = np.linalg.eigh(power)
+    left = np.cumsum(sizes)  # ascending: what is left out if all up to here are
+    first = int(np.searchsorted(left, LEFT_OUT_FLOORS, side="right"))
+    return ways[:, max(first, ways.shape[1] - MOST_LINK_COMBINATIONS) :][:, ::-1]
 
 
 def restricted(aligned: Aligned, small: TwinModel) -> Aligned:

@@ -56,6 +56,13 @@ OFFSET_FLOORS = Threshold(
 DELAY_REACH = Threshold(3.0, "sigma", "bounds of the common delay: one late joint must not spoil the others")
 NUISANCE_REACH = Threshold(12.0, "1", "as a factor, bounds of a nuisance: far enough to show that it has to move")
 
+LEFT_OUT_FLOORS = Threshold(
+    0.1, "floors", "mean square of what combinations of uncertain link masses leave out: a twentieth of a residual"
+)
+MOST_LINK_COMBINATIONS = Count(
+    12, "combinations", "of link masses for a group: the base joint of a serial arm has some ten that low noise shows"
+)
+
 # -- the error that a right model leaves ---------------------------------------------------------------------
 
 FLOOR_CHI_SQUARE = Threshold(

@@ -30,8 +30,6 @@ from twin_daemon.estimation.thresholds import (
 )
 from twin_daemon.simulation.alignment import Aligned
 
-_CUBIC = 3
-
 
 def segments(aligned: Aligned, joints: Sequence[str], touching: np.ndarray | None = None) -> list[Aligned]:
     """The recording in pieces of 1.2 to 4.2 s that start where the given joints stand still, or are slowest.
@@ -138,8 +136,8 @@ def _state(time_s: np.ndarray, measured: np.ndarray, index: int, width: int) -> 
 def _local(time_s: np.ndarray, values: np.ndarray) -> tuple[float, float, bool]:
     """(slope, value) at time 0 of samples (n,), and whether they bend: a line leaves far more than a cubic does."""
     line = np.polyfit(time_s, values, 1)
-    if len(values) > 2 * _CUBIC:
-        cubic = np.polyfit(time_s, values, _CUBIC)
+    if len(values) > 6:
+        cubic = np.polyfit(time_s, values, 3)
         left, least = (
             float(((np.polyval(fit, time_s) - values) ** 2).sum()) / (len(values) - len(fit)) for fit in (line, cubic)
         )

@@ -1,9 +1,7 @@
 """What links that are heavier, longer or stouter than their model do to the joints that carry them, as torques.
 
 Masses, centres of mass and inertias of a model are a few per cent off. Torques are linear in them (Featherstone 2008,
-chapter 10), so that along a measured motion each gives a torque signal at each joint that carries its link. Many give
-nearly the same one: of all of them, weighed by how uncertain they are, the few combinations are kept that a joint's
-servo lets be seen (the principal components of its deflection).
+chapter 10), so that along a measured motion each gives a torque signal at each joint that carries its link.
 """
 
 from __future__ import annotations
@@ -17,12 +15,6 @@ import numpy as np
 from twin_daemon.simulation.prescribed import Motion
 from twin_daemon.simulation.submodel import upwards
 from twin_daemon.simulation.twin import TwinModel
-
-UNSEEN_FLOORS = 0.1
-"""Mean square of what is left out, in floors: it widens a residual by a twentieth."""
-
-MOST_COMBINATIONS = 12
-"""Of a group of joints: a serial arm's proximal joint has some ten that low noise shows."""
 
 
 @dataclass(frozen=True)
@@ -101,20 +93,6 @@ class LinkPaths:
                         column[:, index] = (axis * moment).sum(axis=1)
                 found.append(share * column)
         return np.stack(found, axis=2) if found else np.zeros((len(self.time_s), len(dofs), 0))
-
-
-def combinations(torques: Sequence[np.ndarray], least: np.ndarray) -> np.ndarray:
-    """(p, q) the combinations of p parameters that show, from their torques (m, k, p) a recording.
-
-    `least` (k,) N m is a joint's torque that bends its servo by one standard deviation of its floor.
-    """
-    seen = [torque / least[None, :, None] for torque in torques]
-    count = sum(len(one) for one in seen)
-    power = sum(np.einsum("mkp,mkq->pq", one, one) for one in seen) / max(count, 1)
-    sizes, ways = np.linalg.eigh(power)
-    left = np.cumsum(sizes)  # ascending: what is left out if all up to here are
-    first = int(np.searchsorted(left, UNSEEN_FLOORS, side="right"))
-    return ways[:, max(first, ways.shape[1] - MOST_COMBINATIONS) :][:, ::-1]
 
 
 def _twice(values: np.ndarray, step_s: float) -> np.ndarray:
