@@ -8,17 +8,20 @@ from pathlib import Path
 
 import pytest
 
+from twin_daemon.changes import thresholds as of_changes
 from twin_daemon.diagnosis import thresholds as of_diagnosis
 from twin_daemon.diagnosis.threshold_page import entries, page
 from twin_daemon.estimation import thresholds as of_estimation
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("estimation", "calibration", "diagnosis")
-EVERY = [*entries(of_estimation), *entries(of_diagnosis)]
+PACKAGES = ("estimation", "calibration", "diagnosis", "changes")
+EVERY = [*entries(of_estimation), *entries(of_diagnosis), *entries(of_changes)]
 
 
 def test_the_page_is_what_the_code_has() -> None:
-    assert (ROOT / "docs" / "thresholds.md").read_text(encoding="utf-8") == page()
+    assert (ROOT / "docs" / "thresholds.md").read_text(encoding="utf-8") == page(
+        ("Changes since an earlier session", of_changes)
+    )
 
 
 @pytest.mark.parametrize(("name", "one"), EVERY)

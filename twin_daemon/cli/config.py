@@ -64,10 +64,12 @@ def docs(output: Output = None) -> None:
 @app.command("thresholds")
 def thresholds(output: Output = None) -> None:
     """Every number that a fit or a diagnosis decides by, with its unit and its origin, as a page of Markdown."""
+    from twin_daemon.changes import thresholds as of_changes
     from twin_daemon.diagnosis.threshold_page import page
     from twin_daemon.files import write_atomically
 
+    text = page(("Changes since an earlier session", of_changes))
     if output is None:
-        typer.echo(page(), nl=False)
+        typer.echo(text, nl=False)
     else:
-        write_atomically(output, page().encode())
+        write_atomically(output, text.encode())

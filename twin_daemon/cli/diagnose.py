@@ -53,6 +53,14 @@ def command(
             help="How far the model's numbers may be off: 0 for an exact model, gain=0.2 for one kind.",
         ),
     ] = None,
+    since: Annotated[
+        str | None,
+        typer.Option("--since", metavar="VERSION|DATE", help="What has changed since a version, or since a day."),
+    ] = None,
+    baseline: Annotated[
+        list[Path] | None,
+        typer.Option("--baseline", metavar="R...", help="What has changed since these recordings of the healthy hand."),
+    ] = None,
     hand: options.HandName = None,
     model: options.Model = None,
     version: options.VersionRef = None,
@@ -72,6 +80,19 @@ def command(
 
     require_folder(json)
     assumed = assumptions(tolerance_mrad, nominal_uncertainty)
+    if since is not None or baseline:
+        from twin_daemon.cli import since as changes
+
+        changes.require_one(since, baseline, version, terms)
+        given = {"version": version, "terms": terms, "joint_map": joint_map, "assumed": assumed}
+        session, stored = changes.open_since(since, hand, model, **given)
+        recorded = session.recordings(recording, trajectory)
+        earlier = changes.earlier_of(session, baseline, stored, trajectory)
+        held = session.recordings(holdout or [], trajectory)
+        payload, what = changes.diagnosed_since(session, recorded, held, earlier, joints, seed, within)
+        changes.show(people(json), what)
+        emit_json(json, payload)
+        return
     session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map, assumed=assumed)
     recorded = session.recordings(recording, trajectory)
     with on_cluster(cluster):

@@ -17,11 +17,12 @@ suite's plants and on the measured hand unless a line says otherwise.
 """
 
 
-def page() -> str:
-    """The page as Markdown: a table for estimation and calibration, and one for the diagnosis."""
+def page(*more: tuple[str, ModuleType]) -> str:
+    """The page as Markdown: a table for estimation and calibration, one for the diagnosis, and those of `more`."""
     tables = [
         _table("Estimation and calibration", of_estimation),
         _table("Diagnosis", of_diagnosis),
+        *(_table(title, module) for title, module in more),
     ]
     return "\n".join([_INTRODUCTION, *tables])
 

@@ -1,0 +1,119 @@
+"""Two sessions of one robot: a change is named with its size, and where nothing has changed nothing is named."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.simulation.made import Motion, recorded, saved
+from twin_daemon.cli.app import main
+from twin_daemon.hand import load_hand
+from twin_daemon.simulation.terms import Terms
+from twin_daemon.simulation.twin import TwinModel
+
+JOINT = "elbow"
+OFF = {f"{JOINT}.damping": 0.23, f"{JOINT}.frictionloss": 0.017, f"{JOINT}.kp": 3.5}  # the hand, not the model
+
+_MODEL = """<mujoco model="elbow"><compiler angle="radian"/><option timestep="0.002"/><worldbody><body name="link">
+<joint name="elbow" axis="0 1 0" range="-1.5 1.5" damping="0.2" armature="0.004" frictionloss="0.02"/>
+<geom type="capsule" fromto="0 0 0 0.2 0 0" size="0.02" mass="0.2" contype="0" conaffinity="0"/></body></worldbody>
+<actuator><position name="elbow" joint="elbow" kp="4" ctrlrange="-1.5 1.5"/></actuator></mujoco>"""
+_HEALTHY: Motion = {
+    JOINT: (
+        [0.0, 0.4, 0.41, 1.2, 2.2, 2.5, 2.51, 3.2, 3.8, 4.4, 4.41, 5.5, 6.5, 7.0],
+        [0.0, 0.0, 0.6, 0.6, -0.5, -0.5, 0.1, 0.1, 0.3, 0.1, -0.3, -0.3, 0.4, 0.4],
+    )
+}
+_NOW: Motion = {
+    JOINT: (
+        [0.0, 0.3, 0.31, 1.0, 1.9, 2.6, 2.61, 3.0, 3.9, 4.3, 4.31, 5.2, 6.3, 7.0],
+        [0.1, 0.1, -0.5, -0.5, 0.4, 0.4, 0.7, 0.7, 0.2, 0.3, -0.1, -0.1, -0.6, -0.2],
+    )
+}
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("elbow") / "elbow.xml"
+    path.write_text(_MODEL)
+    return path
+
+
+@pytest.fixture(scope="module")
+def since(model: Path) -> Callable[..., dict[str, Any]]:
+    """What `twin diagnose --baseline` writes about a hand of which some things are other ones than before."""
+
+    def made(name: str, motion: Motion, seed: int, terms: Terms) -> Path:
+        plant = TwinModel.load(load_hand(model=model)).changed(terms).at_step(0.0005)
+        one = recorded(plant, motion, np.random.default_rng(seed), seconds=7.0, noise_rad=1e-3, name=name)
+        return saved(one, model.parent / f"{name}.mcap")
+
+    @cache
+    def healthy() -> Path:
+        return made("healthy", _HEALTHY, 1, Terms(parameters=OFF))
+
+    def answer(name: str, factors: dict[str, float]) -> dict[str, Any]:
+        worn = Terms(parameters={k: v * factors.get(k, 1.0) for k, v in OFF.items()})
+        now = made(name, _NOW, 2, worn)
+        path = model.parent / f"{name}.json"
+        given = ["--model", str(model), "--recording", str(now), "--baseline", str(healthy())]
+        assert main(["diagnose", *given, "--json", str(path)]) == 0
+        return json.loads(path.read_text())
+
+    return answer
+
+
+@pytest.mark.parametrize(
+    ("kind", "factor", "effect"),
+    [
+        ("damping", 1.3, "viscous_friction"),
+        ("frictionloss", 1.6, "coulomb_friction"),
+    ],
+)
+def test_a_parameter_that_has_changed_is_named_with_how_much(
+    since: Callable[..., dict[str, Any]], kind: str, factor: float, effect: str
+) -> None:
+    found = since(kind, {f"{JOINT}.{kind}": factor})
+    change = found["changes"][0]
+    assert (change["effect"], change["parameter"], change["joints"]) == (effect, f"{JOINT}.{kind}", [JOINT])
+    assert len(found["changes"]) == 1
+    assert change["probability"] > 0.5
+    assert change["ratio"]["value"] == pytest.approx(factor, rel=0.06)
+    assert change["before"]["value"] == pytest.approx(OFF[f"{JOINT}.{kind}"], rel=0.1)
+    assert change["ratio"]["ci95"][0] < change["ratio"]["value"] < change["ratio"]["ci95"][1]
+    assert change["first_seen"].startswith("2023-11-14T")
+    assert found["verdict"] in ("explained", "ambiguous")
+    first = found["findings"][0]
+    assert (first["effect"], first["joints"]) == (effect, [JOINT])
+
+
+def test_where_nothing_has_changed_nothing_is_named_and_what_would_have_been_seen_is_said(
+    since: Callable[..., dict[str, Any]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    capsys.readouterr()
+    found = since("same", {})
+    assert (found["verdict"], found["changes"], found["findings"]) == ("within_noise", [], [])
+    seen = {one["effect"]: one["least_ratio"] for one in found["unchanged"]}
+    assert 1.0 < seen["viscous_friction"] < 1.25
+    assert 1.0 < seen["actuator_gain"] < 1.25
+    assert "nothing that these recordings would show has changed" in " ".join(capsys.readouterr().out.split())
+
+
+def test_the_same_recording_twice_is_refused(model: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plant = TwinModel.load(load_hand(model=model))
+    one = recorded(plant, _NOW, np.random.default_rng(3), seconds=7.0, name="twice")
+    bag = str(saved(one, model.parent / "twice.mcap"))
+    assert main(["diagnose", "--model", str(model), "--recording", bag, "--baseline", bag]) == 3
+    assert "same recording" in capsys.readouterr().err
+
+
+def test_options_that_exclude_each_other_are_refused(model: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bags = ["--recording", "a.mcap", "--baseline", "b.mcap"]
+    assert main(["diagnose", "--model", str(model), *bags, "--since", "nominal"]) == 2
+    assert "--since and --baseline" in capsys.readouterr().err

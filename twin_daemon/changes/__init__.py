@@ -1,0 +1,1 @@
+"""What has changed between two sessions of one robot: both are explained at once, and a change moves only the later."""

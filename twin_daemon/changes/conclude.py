@@ -1,0 +1,210 @@
+"""From what groups of joints have said about two sessions to one answer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+
+import numpy as np
+
+from twin_daemon.changes.answer import Change, Since, Unchanged, Unseen, Valued
+from twin_daemon.changes.group_search import GroupFound
+from twin_daemon.changes.quantities import Quantity
+from twin_daemon.changes.thresholds import LEFT_OVER, NAMED, POSSIBLE
+from twin_daemon.diagnosis.verdict import Finding, PartSummary, VerdictName
+from twin_daemon.effects import LIBRARY
+from twin_daemon.estimation.estimate import Estimate
+from twin_daemon.estimation.thresholds import RELATIVE_FLOOR, Z95
+from twin_daemon.estimation.uncertainty import block_gain
+from twin_daemon.simulation.alignment import Aligned
+
+_BLOCK = 50  # samples of held-out motion that are drawn together
+
+
+def conclude(
+    found: Sequence[GroupFound], now: Sequence[Aligned], touching: Sequence[str], seed: int, interrupted: bool
+) -> Since:
+    """The verdict of all groups, with every change as a finding under the effect that it stands for."""
+    first_seen = _utc(min(int(r.recording.stamp_ns[0]) for r in now))
+    pairs = [(group, index) for group in found for index in group.changed]
+    pairs.sort(key=lambda pair: -pair[0].evidence[pair[1]])
+    changes = tuple(_change(group, index, first_seen) for group, index in pairs)
+    findings = tuple(
+        _finding(group, index, change, seed) for (group, index), change in zip(pairs, changes, strict=True)
+    )
+    worst = max(found, key=lambda group: group.left, default=None)
+    ambiguous = [change for change in changes if change.rivals]
+    unchanged, unseen = _not_changed(found)
+    verdict: VerdictName
+    if not found:
+        verdict = "unexplained" if interrupted else "not_excited"
+        reason = f"{', '.join(touching) or 'no joint'}: too little motion clear of contacts in both sessions"
+    elif worst is not None and worst.left > LEFT_OVER:
+        verdict = "unexplained"
+        reason = (
+            f"{', '.join(worst.joints)}: the best explanation leaves {worst.left:.1f} times what the model leaves of "
+            "the earlier session"
+        )
+    elif ambiguous:
+        verdict = "ambiguous"
+        reason = f"{ambiguous[0].words}; the same may come from {', '.join(ambiguous[0].rivals)}"
+    elif changes:
+        verdict, reason = "explained", "; ".join(change.words for change in changes)
+    elif not unchanged:
+        verdict, reason = "not_excited", "these recordings would not have shown any change: move faster, and reverse"
+    else:
+        verdict, reason = "within_noise", "nothing has changed that these recordings would show"
+    return Since(
+        verdict=verdict,
+        reason=reason,
+        findings=findings,
+        tried=(),
+        where=(),
+        parts={
+            group.name: PartSummary(
+                joints=group.joints,
+                times_floor=group.before_left,
+                left_times_floor=group.left,
+                within_floor=not group.changed and group.left <= LEFT_OVER,
+            )
+            for group in found
+        },
+        changes=changes,
+        unchanged=unchanged,
+        unseen=unseen,
+        interrupted=interrupted,
+        notes=tuple(f"{name}: too little motion clear of contacts in both sessions" for name in touching),
+    )
+
+
+def _change(group: GroupFound, index: int, first_seen: str) -> Change:
+    quantity, fit = group.quantities[index], group.fit
+    q = len(group.quantities)
+    covariance = fit.covariance
+    at, by = float(fit.point[index]), float(fit.point[q + index])
+    before = _interval(quantity, at, float(covariance[index, index]))
+    both = covariance[index, index] + covariance[q + index, q + index] + 2.0 * covariance[index, q + index]
+    now = _interval(quantity, at + by, float(both))
+    ratio = _ratio(quantity, at, by, covariance[np.ix_([index, q + index], [index, q + index])])
+    probability = group.probability[index]
+    return Change(
+        effect=quantity.effect,
+        parameter=quantity.name,
+        target=quantity.target,
+        joints=quantity.joints,
+        unit=quantity.unit,
+        before=before,
+        now=now,
+        ratio=ratio,
+        probability=probability,
+        rivals=tuple(_place(group.quantities[i]) for i in group.rivals[index]),
+        first_seen=first_seen,
+        words=_words(quantity, before, now, ratio, first_seen, probability),
+    )
+
+
+def _interval(quantity: Quantity, z: float, variance: float) -> Valued:
+    half = Z95 * float(np.sqrt(max(variance, 0.0)))
+    half = float(np.hypot(half, RELATIVE_FLOOR * (1.0 if quantity.is_parameter else abs(z))))
+    ends = [quantity.value(max(end, 0.0) if quantity.grows else end) for end in (z - half, z + half)]
+    middle = quantity.value(max(z, 0.0) if quantity.grows else z)
+    values = [float("nan") if end is None else end for end in (middle, *ends)]
+    low, high = (values[2], values[1]) if quantity.effect == "tendon_elasticity" else (values[1], values[2])
+    return Valued(value=values[0], ci95=(low, high))
+
+
+def _ratio(quantity: Quantity, at: float, by: float, covariance: np.ndarray) -> Valued:
+    """Now over before; of an effect only where the earlier session clearly has it."""
+    unknown = Valued(value=float("nan"), ci95=(float("nan"), float("nan")))
+    if quantity.is_parameter:
+        half = float(np.hypot(Z95 * np.sqrt(max(covariance[1, 1], 0.0)), RELATIVE_FLOOR))
+        return Valued(value=float(np.exp(by)), ci95=(float(np.exp(by - half)), float(np.exp(by + half))))
+    sigma = float(np.sqrt(max(covariance[0, 0], 0.0)))
+    if quantity.signed or at < 2.0 * Z95 * sigma or at + by <= 0.0:
+        return unknown
+    # of the logarithm of (at + by) / at
+    slope = np.array([1.0 / (at + by) - 1.0 / at, 1.0 / (at + by)])
+    half = Z95 * float(np.sqrt(max(slope @ covariance @ slope, 0.0)))
+    centre = float(np.log((at + by) / at))
+    if quantity.effect == "tendon_elasticity":
+        centre = -centre
+    return Valued(value=float(np.exp(centre)), ci95=(float(np.exp(centre - half)), float(np.exp(centre + half))))
+
+
+def _words(quantity: Quantity, before: Valued, now: Valued, ratio: Valued, first_seen: str, probability: float) -> str:
+    """One plain sentence."""
+    what, where = quantity.effect.replace("_", " "), ", ".join(quantity.joints)
+    if np.isfinite(ratio.value):
+        low, high = (f"{100.0 * (end - 1.0):+.0f}" for end in ratio.ci95)
+        size = f"{100.0 * (ratio.value - 1.0):+.0f} % ({low} to {high} %)"
+    else:
+        size = f"{before.value:.3g} -> {now.value:.3g} {quantity.unit} ({now.ci95[0]:.3g} to {now.ci95[1]:.3g})"
+        size = size.replace("nan -> ", "none -> ")
+    return f"{where}: {what} {size} by {first_seen[:10]}, probability {probability:.2f}"
+
+
+def _finding(group: GroupFound, index: int, change: Change, seed: int) -> Finding:
+    quantity = group.quantities[index]
+    effect = LIBRARY[quantity.effect]
+    name = quantity.parameter or effect.parameters[0].name
+    unit = next(p.unit for p in effect.parameters if p.name == name)
+    if not quantity.is_parameter:
+        value, ci95 = change.now.value, change.now.ci95
+    elif quantity.effect == "actuator_gain":
+        value, ci95 = change.ratio.value, change.ratio.ci95
+    else:  # beside what the earlier session had
+        value = change.now.value - change.before.value
+        ci95 = tuple((end - 1.0) * change.before.value for end in change.ratio.ci95)
+    low, high = ci95
+    values = effect.neutral() | {name: value} if quantity.is_parameter else quantity.term(_amount(group, index)).values
+    without, with_it = group.held_squares
+    known = without.size > 0
+    story = effect.story
+    return Finding(
+        effect=quantity.effect,
+        target=quantity.target,
+        joints=quantity.joints,
+        parameters={name: Estimate(value=value, unit=unit, ci95=(low, high))},
+        values={key: float(v) for key, v in values.items()},
+        evidence_nats=group.evidence[index],
+        holdout_mse_before_rad2=float(without.mean()) if known else float("nan"),
+        holdout_mse_after_rad2=float(with_it.mean()) if known else float("nan"),
+        holdout_gain=1.0 - float(with_it.mean() / max(without.mean(), 1e-30)) if known else float("nan"),
+        holdout_gain_ci95=block_gain(without, with_it, _BLOCK, seed) if known else (float("nan"), float("nan")),
+        confusable_with=change.rivals,
+        explanation=f"{change.words}. {story.what} Likely cause: {story.cause} What to do: {story.remedy}",
+    )
+
+
+def _amount(group: GroupFound, index: int) -> float:
+    return float(group.fit.point[index] + group.fit.point[len(group.quantities) + index])
+
+
+def _not_changed(found: Sequence[GroupFound]) -> tuple[tuple[Unchanged, ...], tuple[Unseen, ...]]:
+    unchanged, unseen = [], []
+    for group in found:
+        for index, least in group.seen_from.items():
+            quantity = group.quantities[index]
+            if index in group.changed:
+                continue
+            possible = group.probability.get(index, 0.0) > POSSIBLE
+            about = {"effect": quantity.effect, "parameter": quantity.name, "joints": quantity.joints}
+            if least > quantity.visible or not np.isfinite(least):
+                why = "this motion would not have shown even a large change"
+                unseen.append(Unseen(**about, why=why))
+            elif possible:
+                why = f"not decided: probability {group.probability[index]:.2f}, below {NAMED:g}"
+                unseen.append(Unseen(**about, why=why))
+            else:
+                ratio = float(np.exp(least)) if quantity.is_parameter else None
+                amount = None if quantity.is_parameter else quantity.value(least)
+                unchanged.append(Unchanged(**about, unit=quantity.unit, least_ratio=ratio, least=amount))
+    return tuple(unchanged), tuple(unseen)
+
+
+def _place(quantity: Quantity) -> str:
+    return f"{quantity.effect}:{quantity.target}"
+
+
+def _utc(stamp_ns: int) -> str:
+    return datetime.fromtimestamp(stamp_ns * 1e-9, UTC).isoformat(timespec="seconds")

@@ -1,0 +1,196 @@
+"""Two sessions fitted at once: what they share moves both, a change moves the later one only.
+
+Gauss-Newton in roll-outs under Gaussian priors; the evidence is Laplace's. With two values of the prior's width for a
+change, one for what sessions differ by anyway and one for what has changed, it is a spike and a slab (Mitchell and
+Beauchamp 1988; George and McCulloch 1993).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin_daemon.changes.sessions import Session
+from twin_daemon.changes.thresholds import ABSENT, LONGEST_STEP_SIGMA, ROUNDS, SETTLED_NATS, STEP_SHARES
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Where both sessions are: `point` (2 q + o,) are the shared amounts, the changes, and the delays of both.
+
+    `rows` (m,) and `slopes` (m, 2 q + o) are of both sessions; `sigmas` are the priors' and `changed` the slabs.
+    """
+
+    pair: Pair
+    point: np.ndarray
+    rows: np.ndarray
+    slopes: np.ndarray
+    changed: frozenset[int]
+
+    @property
+    def precision(self) -> np.ndarray:
+        """(p, p) of the posterior."""
+        return self.slopes.T @ self.slopes + np.diag(1.0 / self.pair.sigmas(self.changed) ** 2)
+
+    @property
+    def covariance(self) -> np.ndarray:
+        return np.linalg.inv(self.precision)
+
+    @property
+    def cost(self) -> float:
+        pulls = (self.point - self.pair.means) / self.pair.sigmas(self.changed)
+        return float(self.rows @ self.rows + pulls @ pulls)
+
+    @property
+    def log_evidence(self) -> float:
+        """Nats, up to what all fits of a pair share."""
+        sigmas = self.pair.sigmas(self.changed)
+        return -0.5 * self.cost - float(np.log(sigmas).sum()) - 0.5 * float(np.linalg.slogdet(self.precision)[1])
+
+    def expected(self, changed: Collection[int]) -> tuple[np.ndarray, float]:
+        """((p,) point, log evidence in nats) that other changes would reach, to first order from here."""
+        sigmas = self.pair.sigmas(frozenset(changed))
+        weights = 1.0 / sigmas**2
+        precision = self.slopes.T @ self.slopes + np.diag(weights)
+        pull = self.slopes.T @ self.rows + weights * (self.point - self.pair.means)
+        step = -np.linalg.solve(precision, pull)
+        gone = self.point + step
+        cost = float(((self.rows + self.slopes @ step) ** 2).sum() + (((gone - self.pair.means) / sigmas) ** 2).sum())
+        return gone, -0.5 * cost - float(np.log(sigmas).sum()) - 0.5 * float(np.linalg.slogdet(precision)[1])
+
+    def said_of(self, index: int) -> tuple[float, float]:
+        """(mean, variance) of what the recordings alone say of a change; the variance is infinite where nothing."""
+        sigma2 = float(self.pair.sigmas(self.changed)[self.pair.count + index] ** 2)
+        place = self.pair.count + index
+        variance = float(self.covariance[place, place])
+        information = 1.0 / variance - 1.0 / sigma2
+        if information < 1e-9 / sigma2:
+            return 0.0, float("inf")
+        return float(self.expected(self.changed)[0][place] / variance / information), 1.0 / information
+
+
+class Pair:
+    """An earlier session, or what a version says in its place (None), and a later one, of one group of joints."""
+
+    def __init__(self, before: Session | None, now: Session, means: np.ndarray, shared: np.ndarray) -> None:
+        """`means` and `shared` (q,) are the belief about the shared amounts: centres and sigmas."""
+        self.before, self.now = before, now
+        self.count = len(now.quantities)
+        self._delays = [*(before.onset_sigmas if before else ()), *now.onset_sigmas]
+        self.means = np.concatenate([means, np.zeros(self.count + len(self._delays))])
+        self._shared = shared
+        self._spikes = np.array([q.spike for q in now.quantities])
+        self._slabs = np.array([q.slab for q in now.quantities])
+
+    def sigmas(self, changed: Collection[int]) -> np.ndarray:
+        """(p,) of the priors, where some quantities have changed.
+
+        An effect that is neither in the models nor has changed is not there.
+        """
+        is_slab = np.isin(np.arange(self.count), list(changed))
+        there = np.array(
+            [not q.grows or i in self.now.active or i in changed for i, q in enumerate(self.now.quantities)]
+        )
+        shared = np.where(there, self._shared, ABSENT)
+        return np.concatenate(
+            [shared, np.where(is_slab, self._slabs, np.where(there, self._spikes, ABSENT)), self._delays]
+        )
+
+    @property
+    def start(self) -> np.ndarray:
+        return self.means.copy()
+
+    def with_active(self, active: Collection[int]) -> Pair:
+        """The same with these effects in the models of both sessions."""
+        before = self.before.with_active(active) if self.before else None
+        return Pair(before, self.now.with_active(active), self.means[: self.count], self._shared)
+
+    def baseline_only(self) -> Pair:
+        """The earlier session alone, as a pair that has no later one to explain."""
+        assert self.before is not None
+        return _Alone(self.before, self.now, self.means[: self.count], self._shared)
+
+    def points(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The points of the two sessions."""
+        shared, change = point[: self.count], point[self.count : 2 * self.count]
+        held = len(self.before.onset_sigmas) if self.before else 0
+        delays = point[2 * self.count :]
+        return np.concatenate([shared, delays[:held]]), np.concatenate([shared + change, delays[held:]])
+
+    def rows(self, point: np.ndarray) -> np.ndarray:
+        """(m,) whitened residuals of both."""
+        before, now = self.points(point)
+        return np.concatenate([*([self.before.rows(before)] if self.before else []), self.now.rows(now)])
+
+    def slopes(self, point: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """(m, p) derivative of these rows (m,)."""
+        before, now = self.points(point)
+        q, size = self.count, len(self.before.weights) if self.before else 0
+        held = len(before) - q if self.before else 0
+        out = np.zeros((len(rows), len(point)))
+        if self.before:
+            found = self.before.slopes(before, rows[:size])
+            out[:size, :q], out[:size, 2 * q : 2 * q + held] = found[:, :q], found[:, q:]
+        found = self.now.slopes(now, rows[size:])
+        out[size:, :q] = out[size:, q : 2 * q] = found[:, :q]
+        out[size:, 2 * q + held :] = found[:, q:]
+        return out
+
+    def fit(self, changed: Collection[int], begun: Fit | None = None, rounds: int = ROUNDS) -> Fit:
+        """Both sessions fitted where these quantities may have changed, from where another fit has ended."""
+        changed = frozenset(changed)
+        active = self.now.active
+        if begun is None or begun.pair.now.active != active:
+            point = self._within(self.start if begun is None else begun.point)
+            rows = self.rows(point)
+            slopes = self.slopes(point, rows)
+        else:
+            point, rows, slopes = begun.point, begun.rows, begun.slopes
+        fit = Fit(self, point, rows, slopes, changed)
+        for _ in range(rounds):
+            step, best = fit.expected(changed)[0] - fit.point, None
+            # by no more than shared values are uncertain: a valley, such as of all torques together, is long and bent
+            longest = float(np.abs(step[: self.count] / self._shared).max(initial=0.0))
+            step /= max(1.0, longest / LONGEST_STEP_SIGMA)
+            for share in STEP_SHARES:
+                point = self._within(fit.point + share * step)
+                trial = Fit(self, point, self.rows(point), fit.slopes, changed)
+                if trial.cost < fit.cost:
+                    best = trial
+                    break
+            if best is None:
+                break
+            gained = fit.cost - best.cost
+            fit = Fit(self, best.point, best.rows, self.slopes(best.point, best.rows), changed)
+            if gained < 2.0 * SETTLED_NATS:
+                break
+        return fit
+
+    def _within(self, point: np.ndarray) -> np.ndarray:
+        """A point at which no effect in the models is below none, in either session."""
+        point = point.copy()
+        for index in self.now.active:
+            point[index] = max(point[index], 0.0)
+            point[self.count + index] = max(point[self.count + index], -point[index])
+        return point
+
+
+class _Alone(Pair):
+    """The earlier session alone; of the later one only its shape."""
+
+    def rows(self, point: np.ndarray) -> np.ndarray:
+        assert self.before is not None
+        return self.before.rows(self.points(point)[0])
+
+    def slopes(self, point: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        assert self.before is not None
+        before = self.points(point)[0]
+        found, q = self.before.slopes(before, rows), self.count
+        out = np.zeros((len(rows), len(point)))
+        out[:, :q], out[:, 2 * q : 2 * q + len(before) - q] = found[:, :q], found[:, q:]
+        return out
+
+    def with_active(self, active: Collection[int]) -> Pair:
+        return super().with_active(active).baseline_only()

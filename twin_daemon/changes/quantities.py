@@ -1,0 +1,150 @@
+"""What may change between two sessions in one group of joints, each on a scale of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin_daemon.changes.thresholds import (
+    MOTOR_SHARE,
+    SHARED_SIGMA,
+    SHARED_UNITS,
+    SLAB,
+    SLAB_UNITS,
+    SPIKE,
+    SPIKE_UNITS,
+    VISIBLE,
+    VISIBLE_UNITS,
+)
+from twin_daemon.effects import LIBRARY
+from twin_daemon.simulation.parameters import KINDS
+from twin_daemon.simulation.terms import EffectTerm
+from twin_daemon.simulation.twin import TwinModel
+
+STANDS_FOR = {"damping": "viscous_friction", "frictionloss": "coulomb_friction", "kp": "actuator_gain"}
+"""The effect under whose key the change of a parameter is a finding, by the parameter's kind."""
+
+_KEPT = ("armature",)  # kinds that are uncertain, and do not wear
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One number of the robot that both sessions have, as a coordinate z which is 0 where the model is.
+
+    A parameter's z is the logarithm of its factor. An effect's is its amount in units of a typical one, `typical`; that
+    of a compliance is over the stiffness. `wears` says that its change is a candidate.
+    """
+
+    name: str
+    effect: str
+    target: str
+    joints: tuple[str, ...]
+    unit: str
+    nominal: float
+    typical: float = 1.0
+    parameter: str | None = None
+    signed: bool = False
+    wears: bool = True
+    shared_sigma: float = SHARED_SIGMA
+    spike: float = SPIKE
+    slab: float = SLAB
+    visible: float = VISIBLE
+
+    @property
+    def is_parameter(self) -> bool:
+        return self.parameter is None
+
+    @property
+    def grows(self) -> bool:
+        """Whether it is an effect of which there is none or some, as a play."""
+        return not self.is_parameter and not self.signed
+
+    def value(self, z: float) -> float | None:
+        """In `unit`; None for the stiffness of what is rigid."""
+        if self.is_parameter:
+            return float(self.nominal * np.exp(z))
+        if self.effect == "tendon_elasticity":
+            return float(self.typical / z) if z > 0.0 else None
+        return float(z * self.typical)
+
+    def term(self, z: float) -> EffectTerm:
+        """An effect at an amount, its other values as they usually are."""
+        effect = LIBRARY[self.effect]
+        amount = self.value(z)
+        assert self.parameter is not None
+        values = effect.neutral() | {p.name: p.default for p in effect.parameters if p.log or p.held}
+        if "motor_share" in values:
+            values["motor_share"] = float(MOTOR_SHARE)
+        values[self.parameter] = effect.neutral()[self.parameter] if amount is None else amount
+        return EffectTerm(effect=self.effect, target=self.target, values=effect.clipped(effect.complete(values)))
+
+
+def quantities(twin: TwinModel, joints: Sequence[str], *, known: float = 1.0) -> tuple[Quantity, ...]:
+    """Everything that a group's joints and servos have: what the model states, and what may be there beside it.
+
+    `known` shrinks what is believed about the shared values, where they are known from an earlier session.
+    """
+    found: list[Quantity] = []
+    driving = [(a, d) for a, d in zip(twin.actuators, twin.driven, strict=True) if set(d) & set(joints)]
+    missing: list[tuple[str, str]] = []
+    for joint in joints:
+        for kind in ("damping", "frictionloss", "armature"):
+            name = f"{joint}.{kind}"
+            nominal = twin.parameter(name).read(twin.base_model)
+            if nominal > 0.0:
+                found.append(_parameter(name, joint, (joint,), kind, nominal))
+            elif kind not in _KEPT:
+                missing.append((STANDS_FOR[kind], joint))
+    for servo, driven in driving:
+        nominal = twin.parameter(f"{servo}.kp").read(twin.base_model)
+        if nominal > 0.0:
+            found.append(_parameter(f"{servo}.kp", servo, driven, "kp", nominal))
+    places = [*missing, *((key, joint) for joint in joints for key in ("load_friction", "sensor_offset"))]
+    places += [(key, servo) for servo, _ in driving for key in ("backlash", "tendon_elasticity")]
+    present = {(term.effect, term.target) for term in twin.terms.effects}
+    for key, target in places:
+        if (key, target) not in present and LIBRARY[key].applies(twin.place(target)):
+            found.append(_effect(twin, key, target, joints))
+    return tuple(found)
+
+
+def _parameter(name: str, target: str, joints: tuple[str, ...], kind: str, nominal: float) -> Quantity:
+    return Quantity(
+        name=name,
+        effect=STANDS_FOR.get(kind, kind),
+        target=target,
+        joints=joints,
+        unit=KINDS[kind].unit,
+        nominal=nominal,
+        wears=kind not in _KEPT,
+    )
+
+
+def _effect(twin: TwinModel, key: str, target: str, joints: Sequence[str]) -> Quantity:
+    effect, scale = LIBRARY[key], twin.scale(target)
+    typical, parameter, signed = {
+        "load_friction": (0.2, "coefficient", False),
+        "sensor_offset": (0.02, "offset", True),
+        "backlash": (0.02, "gap", False),
+        "tendon_elasticity": (4.0 * scale.kp, "stiffness", False),
+        "viscous_friction": (0.02 * scale.kp, "damping", False),
+        "coulomb_friction": (0.01 * scale.kp, "friction", False),
+    }[key]
+    unit = next(p.unit for p in effect.parameters if p.name == parameter)
+    return Quantity(
+        name=f"{key}:{target}.{parameter}",
+        effect=key,
+        target=target,
+        joints=tuple(joint for joint in twin.joints_of(target) if joint in joints),
+        unit=unit,
+        nominal=0.0,
+        typical=typical,
+        parameter=parameter,
+        signed=signed,
+        shared_sigma=SHARED_UNITS,
+        spike=SPIKE_UNITS,
+        slab=SLAB_UNITS,
+        visible=VISIBLE_UNITS,
+    )

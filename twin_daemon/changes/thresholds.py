@@ -1,0 +1,62 @@
+"""Every number that a comparison of two sessions decides by: its unit, what it does, where it comes from."""
+
+from __future__ import annotations
+
+from twin_daemon.estimation.thresholds import Count, Threshold
+
+# -- what is believed before the recordings speak ------------------------------------------------------------
+
+SHARED_SIGMA = Threshold(0.3, "1", "of the logarithm of a parameter that both sessions share: the baseline says it")
+SPIKE = Threshold(
+    0.03, "1", "of a value: spread between sessions without wear, until a hand has three versions to learn it from"
+)
+SLAB = Threshold(0.5, "1", "of the logarithm of a parameter that has changed: from a third less to a half more")
+NOTHING_CHANGED = Threshold(
+    0.5, "1", "probability that nothing has, before the recordings speak; the rest is shared out"
+)
+APPEARS = Threshold(
+    0.05, "1", "as probable as a change of what the earlier session has: an effect that it shows nothing of"
+)
+SHARED_UNITS = Threshold(1.0, "units", "of an effect's typical size: how strong it may be in both sessions")
+ABSENT = Threshold(1e-3, "units", "of an effect's typical size: spread of one that is neither seen nor suspected")
+SPIKE_UNITS = Threshold(0.03, "units", "of that size: spread between sessions without wear")
+SLAB_UNITS = Threshold(1.0, "units", "of that size: an effect that has appeared or grown")
+
+# -- the search ----------------------------------------------------------------------------------------------
+
+ROUNDS = Count(8, "steps", "of Gauss-Newton in roll-outs, at most")
+LONGEST_STEP_SIGMA = Threshold(1.0, "sigma", "of a shared value's prior: no step is longer")
+STEP_SHARES = (1.0, 0.5, 0.2, 0.05)
+"""Of a step, tried until one gains."""
+SETTLED_NATS = Threshold(0.2, "nats", "that a step has to gain to be followed by another")
+PARAMETER_STEP = Threshold(
+    0.03, "1", "of the logarithm of a parameter, for a derivative: across what friction roughens"
+)
+EFFECT_STEP = Threshold(0.15, "units", "of an effect's typical size, for its derivative once it is in the model")
+ONSET_STEP_S = Threshold(1e-3, "s", "for the derivative by a delay")
+FINALISTS = Count(2, "changes", "of parameters in a group that are refitted, and every effect that promises anything")
+MOTOR_SHARE = Threshold(0.1, "1", "of armature and damping on the motor's side, where a transmission gives or has play")
+FIRST_ROUNDS = Count(3, "steps", "of Gauss-Newton after which a change that is far behind is left alone")
+COMPARABLE_NATS = Threshold(30.0, "nats", "behind the best: what is further behind then is not fitted to the end")
+FURTHER_SHARE = Threshold(0.1, "1", "of the first change's evidence that another one at the same joints has to bring")
+MOST_CHANGES = Count(3, "changes", "that are looked for in one group")
+WORTH_REFITTING = Threshold(0.0, "nats", "over no change, to first order: a finalist with less is not refitted")
+PRESENT_NATS = Threshold(8.0, "nats", "of the earlier session's evidence, for an effect to be put into both models")
+MOST_PRESENT = Count(2, "effects", "that are put into it")
+
+# -- what is said --------------------------------------------------------------------------------------------
+
+NAMED = Threshold(0.9, "1", "probability from which a change is called one")
+POSSIBLE = Threshold(0.1, "1", "probability from which another change is said to explain the same")
+TOLD_APART_NATS = Threshold(3.0, "nats", "of evidence by which a change has to beat another that explains the same")
+SEEN = Threshold(0.95, "1", "probability that the smallest change which would have been seen would have had")
+VISIBLE = Threshold(
+    0.7,
+    "1",
+    "of the logarithm of a parameter: where even a factor of two would not have been seen, nothing is said of it",
+)
+VISIBLE_UNITS = Threshold(3.0, "units", "the same for an effect, in its typical size")
+LEFT_OVER = Threshold(
+    2.5, "1", "times what the model leaves of the healthy session: more in the later one is a change that has no name"
+)
+"""The last is on the mean square of whitened residuals."""
