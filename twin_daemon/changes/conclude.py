@@ -10,15 +10,13 @@ import numpy as np
 from twin_daemon.changes.answer import Change, Since, Unchanged, Unseen, Valued
 from twin_daemon.changes.group_search import GroupFound
 from twin_daemon.changes.quantities import Quantity
-from twin_daemon.changes.thresholds import LEFT_OVER, NAMED, POSSIBLE
+from twin_daemon.changes.thresholds import BLOCK_SAMPLES, LEFT_OVER, NAMED, POSSIBLE
 from twin_daemon.diagnosis.verdict import Finding, PartSummary, VerdictName
 from twin_daemon.effects import LIBRARY
 from twin_daemon.estimation.estimate import Estimate
 from twin_daemon.estimation.thresholds import RELATIVE_FLOOR, Z95
 from twin_daemon.estimation.uncertainty import block_gain
 from twin_daemon.simulation.alignment import Aligned
-
-_BLOCK = 50  # samples of held-out motion that are drawn together
 
 
 def conclude(
@@ -170,7 +168,7 @@ def _finding(group: GroupFound, index: int, change: Change, seed: int) -> Findin
         holdout_mse_before_rad2=float(without.mean()) if known else float("nan"),
         holdout_mse_after_rad2=float(with_it.mean()) if known else float("nan"),
         holdout_gain=1.0 - float(with_it.mean() / max(without.mean(), 1e-30)) if known else float("nan"),
-        holdout_gain_ci95=block_gain(without, with_it, _BLOCK, seed) if known else (float("nan"), float("nan")),
+        holdout_gain_ci95=block_gain(without, with_it, BLOCK_SAMPLES, seed) if known else (float("nan"), float("nan")),
         confusable_with=change.rivals,
         explanation=f"{change.words}. {story.what} Likely cause: {story.cause} What to do: {story.remedy}",
     )

@@ -57,6 +57,6 @@ VISIBLE = Threshold(
 )
 VISIBLE_UNITS = Threshold(3.0, "units", "the same for an effect, in its typical size")
 LEFT_OVER = Threshold(
-    2.5, "1", "times what the model leaves of the healthy session: more in the later one is a change that has no name"
+    2.5, "1", "times the earlier session's mean squared rows: more in the later one is a change that has no name"
 )
-"""The last is on the mean square of whitened residuals."""
+BLOCK_SAMPLES = Count(50, "samples", "of held-out motion that a bootstrap draws together")
