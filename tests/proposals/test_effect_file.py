@@ -129,3 +129,16 @@ def test_a_law_without_a_native_form_says_what_its_model_lacks() -> None:
     save_effect_file(content)
     reload_files()
     assert "mean gain" in LIBRARY["my_law"].story.remedy
+
+
+def test_a_law_that_no_model_can_have_is_not_added(arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _written(PLAIN | {"over": "time", "knots": [0.0, 1.0, 2.0]})
+    assert main(["add", "my_law", "--joint", "elbow", "--model", str(arm)]) == 3
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "no element" in line
+
+
+def test_what_a_model_leaves_out_is_said_when_it_is_added(arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _written(PLAIN)
+    assert main(["add", "my_law", "--joint", "elbow", "--model", str(arm)]) == 0
+    assert "sines of the angle" in " ".join(capsys.readouterr().out.split())

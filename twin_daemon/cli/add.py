@@ -110,6 +110,8 @@ def added_to(
         changed, fitted = _changed(session.twin, refit.terms), refit.values
         changed = changed.changed(changed.terms.with_parameters(refit.parameters))
         notes += [*refit.notes, "the model's uncertain parameters there were refitted beside it, under their priors"]
+    if kind.leaves_out:
+        notes.append(kind.leaves_out)
     payload = {
         "effect": effect,
         "targets": targets,

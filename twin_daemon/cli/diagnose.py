@@ -334,4 +334,5 @@ def _how_to_go_on(found: Diagnosis) -> list[str]:
         )
     if found.verdict == "unexplained":
         lines.append("Look at the joints and conditions above: the cause is none that 'twin effects' lists.")
+        lines.append("What law it is instead: twin propose, with the same recordings")
     return lines

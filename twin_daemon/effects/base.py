@@ -207,6 +207,8 @@ class Effect(ABC):
     excludes: ClassVar[tuple[str, ...]] = ()
     reads_nominal_error: ClassVar[bool] = False
     """Whether `suggested` is given the error of the nominal model, not what its uncertain parameters leave of that."""
+    leaves_out: ClassVar[str] = ""
+    """What of the effect an MJCF cannot have, in words; empty where nothing is left out."""
     neutral_within_rad: ClassVar[float] = 1e-6
     """How far a motion may change by the effect at neutral values."""
 

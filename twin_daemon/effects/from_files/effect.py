@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 from twin_daemon.effects.base import Effect, Measurement, Parameter, Place, ReadingCurve, Scale, Story
 from twin_daemon.effects.from_files import native
 from twin_daemon.effects.from_files.schema import EffectFile
+from twin_daemon.errors import BadInput
 
 _ACTS_ON = {"torque": "joint", "command": "actuator", "reading": "sensor"}
 
@@ -20,7 +21,9 @@ class _Found(Effect):
     parameters = (Parameter("strength", "1", -3.0, 3.0, 0.0, 1.0, "times what was found"),)
 
     def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:
-        if values["strength"] and self.content.port != "reading":
+        if not native.exists(self.content):
+            raise BadInput(f"'{self.key}' cannot be in a twin: {self.leaves_out}", todo="It stays a proposal")
+        if self.content.port != "reading":
             native.write(spec, place, self.content, values["strength"])
 
     def measure(self, measurement: Measurement, place: Place, values: Mapping[str, float]) -> None:
@@ -30,7 +33,7 @@ class _Found(Effect):
             measurement.curves[place.target] = (*measurement.curves.get(place.target, ()), curve)
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
-        return ({"strength": 1.0}, {"strength": 0.3})
+        return ({"strength": 1.0}, {"strength": 0.3}) if native.exists(self.content) else ()
 
 
 def effect_of(content: EffectFile) -> Effect:
@@ -50,5 +53,6 @@ def effect_of(content: EffectFile) -> Effect:
         "acts_on": _ACTS_ON[content.port],
         "story": story,
         "content": content,
+        "leaves_out": costs,
     }
     return type("Found", (_Found,), written)()

@@ -16,6 +16,7 @@ from twin_daemon.effects.base import Place
 from twin_daemon.effects.edits import add_passive_motor, add_to_linear, linear, stable_stiffness
 from twin_daemon.effects.from_files.schema import EffectFile
 
+_NATIVE = ("position", "velocity")
 _SINES = 16
 _LEAST_SINE = 1e-3  # of the largest
 _FLOOR_NM = 1e-9
@@ -35,9 +36,18 @@ def cost(effect: EffectFile) -> str:
         return "the MJCF has damping that grows with speed and dry friction: what differs between directions is lost"
     if effect.memory == "play":
         return "the MJCF has Dahl friction, whose corners are round; elements that push are lost"
-    if effect.port == "command" and effect.memory == "":
+    if effect.port == "command" and exists(effect):
         return "the MJCF has the mean gain of the servo only: MuJoCo has no element for the rest"
-    return "the MJCF has nothing of it: MuJoCo has no element for such a law"
+    return "MuJoCo has no element for such a law, and nothing that comes near it"
+
+
+def exists(effect: EffectFile) -> bool:
+    """Whether a model can have anything of the law at all."""
+    if effect.port == "reading":
+        return True
+    if effect.port == "torque":
+        return effect.memory == "play" or (not effect.memory and not effect.factor and effect.over in _NATIVE)
+    return not effect.memory and (effect.factor == "error" or effect.over == "error")
 
 
 def sine_of(effect: EffectFile) -> tuple[float, float, float] | None:
@@ -57,7 +67,7 @@ def write(spec: Any, place: Place, effect: EffectFile, strength: float) -> None:
         _damping(spec, place, effect, strength)
     elif effect.port == "torque" and effect.memory == "play":
         _dahl(spec, place, effect, strength)
-    elif effect.port == "command" and not effect.memory:
+    elif effect.port == "command":
         _mean_gain(spec, place, effect, strength)
 
 
@@ -115,10 +125,8 @@ def _mean_gain(spec: Any, place: Place, effect: EffectFile, strength: float) -> 
     at, values = np.array(effect.knots), np.array(effect.values)
     if effect.factor == "error":
         slope = float(np.trapezoid(values, at) / (at[-1] - at[0]))
-    elif effect.over == "error":
-        slope = float(at @ values / max(float(at @ at), 1e-12))
     else:
-        return
+        slope = float(at @ values / max(float(at @ at), 1e-12))
     actuator = spec.actuator(place.actuator)
     factor = max(1.0 + strength * slope, 0.05)
     actuator.gainprm[0] *= factor
