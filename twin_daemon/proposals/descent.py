@@ -12,7 +12,7 @@ from twin_daemon.estimation.posterior import Posterior
 _NUISANCE_STEP = 5e-3
 _LAW_STEP = 4e-3  # of the range of a coefficient: 4 mrad of the servo's stiffness
 _DAMPINGS = (0.0, 0.03, 1.0, 30.0)
-_GAINED = 0.01
+_GAINED = 0.003
 _FOLDS = 5
 SMOOTHNESS = (3.0, 30.0, 300.0)
 """Weights of a curve's bends among which the linear step chooses."""
@@ -37,6 +37,14 @@ class Linear:
         hessian = slopes.T @ slopes + beliefs.T @ beliefs
         gradient = slopes.T @ rows[chosen] + beliefs.T @ self.believed
         return -np.linalg.lstsq(hessian, gradient, rcond=None)[0]
+
+    def beside(self, rows: np.ndarray, own: int) -> np.ndarray:
+        """(p,) the step of the variables from `own` on alone that fits other rows (m,) and the priors best."""
+        slopes, beliefs = self.slopes[:, own:], self.beliefs[:, own:]
+        hessian = slopes.T @ slopes + beliefs.T @ beliefs
+        step = np.zeros(self.slopes.shape[1])
+        step[own:] = -np.linalg.lstsq(hessian, slopes.T @ rows + beliefs.T @ self.believed, rcond=None)[0]
+        return step
 
 
 def columns(problem: Posterior, point: np.ndarray, chosen: range, step: float) -> tuple[np.ndarray, np.ndarray]:

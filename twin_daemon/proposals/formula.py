@@ -88,6 +88,10 @@ def _power(p: np.ndarray, x: np.ndarray) -> np.ndarray:
     return p[0] * np.sign(x) * np.abs(x) ** np.clip(p[1], 0.1, 5.0)
 
 
+def _drag(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+    return p[0] * x + p[1] * x * np.abs(x)
+
+
 def _sides(p: np.ndarray, x: np.ndarray) -> np.ndarray:
     return np.where(x > 0.0, p[0], p[1]) * x
 
@@ -95,6 +99,10 @@ def _sides(p: np.ndarray, x: np.ndarray) -> np.ndarray:
 def _levels(p: np.ndarray, x: np.ndarray) -> np.ndarray:
     steep = np.tanh(x / 0.03)
     return np.where(x > 0.0, p[0], p[1]) * np.abs(steep)
+
+
+def _rubbing(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+    return _levels(p, x) + p[2] * x
 
 
 def _dead_zone(p: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -148,6 +156,11 @@ _FAMILIES = {
                                                 for t in (0.1, 0.3, 1.0)]),
     "power": Family("power", "{factor} sign({x}) |{x}|^{power}", ("factor", "power"), _power,
                     lambda x, y: [[float(x @ y / max(x @ x, 1e-12)), p] for p in (0.5, 1.0, 2.0)]),
+    "drag": Family("drag", "{linear} {x} + {quadratic} {x} |{x}|", ("linear", "quadratic"), _drag,
+                   lambda x, y: [list(np.linalg.lstsq(np.stack([x, x * np.abs(x)], axis=1), y, rcond=None)[0])]),
+    "rubbing": Family("rubbing", "{forward} forwards, {backward} backwards, + {slope} {x}",
+                      ("forward", "backward", "slope"), _rubbing,
+                      lambda x, y: [[float(y[x > 0].mean()), float(y[x < 0].mean()), 0.0]]),
     "sides": Family("sides", "{forward} {x} forwards, {backward} {x} backwards", ("forward", "backward"), _sides,
                     lambda x, y: [[0.1, -0.1], [-0.1, 0.1]]),
     "levels": Family("levels", "{forward} forwards, {backward} backwards", ("forward", "backward"), _levels,
@@ -166,7 +179,7 @@ _OVER = {
     "command": ("line", "sine", "bump", "notch"),
     "time": ("line", "settling"),
     "heat": ("line", "settling"),
-    "velocity": ("power", "sides", "levels"),
+    "velocity": ("power", "drag", "sides", "levels", "rubbing"),
     "error": ("power", "sides", "dead_zone", "silent", "saturating"),
 }
 

@@ -210,8 +210,14 @@ class JointSearch:
     def _stepped(self, trial: Trial) -> Trial:
         """The trial with the best of some lengths of its linear step, as roll-outs show it."""
         problem = self.problem(trial.feature, trial.smoothness)
-        step = trial.linear.step(trial.linear.rows, len(trial.start))
-        points = np.clip(trial.start + np.array(_LENGTHS)[:, None] * step, 0.0, 1.0)
+        own, linear = problem.own, trial.linear
+        steps = [linear.step(linear.rows, len(trial.start))]
+        # what stood in for the law may have gone far: once more with all of it back where it is believed to be
+        back = np.zeros(len(trial.start))
+        back[:own] = self.base.start - trial.start[:own]
+        steps.append(back + linear.beside(linear.rows + linear.slopes @ back, own))
+        lengths = [(length, step) for step in steps for length in _LENGTHS]
+        points = np.clip(np.array([trial.start + length * step for length, step in lengths]), 0.0, 1.0)
         costs = (problem.residuals(points) ** 2).sum(axis=1)
         best = int(np.argmin(costs))
         return replace(trial, start=points[best], reduction=1.0 - float(costs[best]) / self.alone.cost)
