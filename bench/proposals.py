@@ -68,11 +68,11 @@ def _case(key: str, seed: int, folder: Path, seconds: float) -> dict[str, Any]:
 
     silence_mujoco()
     twin = TwinModel.load(load_hand(model=arm_model(folder)))
-    law = LAWS[key]
-    bags = [
-        record(law, folder / f"{key}_{seed}_fit.mcap", seconds=seconds, seed=seed),
-        record(law, folder / f"{key}_{seed}_held.mcap", seconds=_HELD_S, seed=100 + seed, fastest=1.5),
-    ]
+    law, bags = LAWS[key], [folder / f"{key}_{seed}_{what}.mcap" for what in ("fit", "held")]
+    for path in bags:
+        path.unlink(missing_ok=True)  # of a run that was interrupted
+    record(law, bags[0], seconds=seconds, seed=seed)
+    record(law, bags[1], seconds=_HELD_S, seed=100 + seed, fastest=1.5)
     train, held = ([align(twin, load_recording(path))] for path in bags)
     began, processor = time.perf_counter(), time.process_time()
     verdict = Diagnosis.without_findings("unexplained", "given")

@@ -93,7 +93,7 @@ class LawProblem(Posterior):
             return self._misread(points, laws)
         candidates = [self.candidate(point) for point in points]
         self.evaluations += len(points)
-        return self._rolled(candidates, laws)
+        return self._rolled(points, candidates, laws)
 
     def _misread(self, points: np.ndarray, laws: np.ndarray) -> list[np.ndarray]:
         """The joint moves as it does; what is read of it is not where it is."""
@@ -135,28 +135,30 @@ class LawProblem(Posterior):
         series = {"heat": track.heat, "neighbour": track.neighbours.get(self.feature.neighbour)}.get(self.feature.over)
         return np.zeros_like(time_s) if series is None else np.interp(at, track.time_s, series)
 
-    def _rolled(self, candidates: Sequence[Candidate], laws: np.ndarray) -> list[np.ndarray]:
+    def _rolled(self, points: np.ndarray, candidates: Sequence[Candidate], laws: np.ndarray) -> list[np.ndarray]:
         twin, step_s = self.twin, float(self.twin.model.opt.timestep)
         order = sorted(range(len(self.recordings)), key=lambda i: -len(self._grids[i]))
         longest, width = len(self._grids[order[0]]), twin.model.nu + twin.model.nv
         inputs: list[np.ndarray] = []
-        known: dict[tuple[int, float], int] = {}
+        known: dict[tuple[int, float, int], int] = {}
+        distinct, alike = np.unique(points[:, [i for i, _ in self._links]], axis=0, return_inverse=True)
+        _, shown = np.unique(alike.ravel(), return_index=True)
         states, input_of, steps, begun = [], [], [], []
         for index in order:
             piece, grid = self.recordings[index], self._grids[index] * step_s
             past = -np.arange(round(PAST_S / step_s), 0, -1) * step_s if remembers(candidates[0].model) else grid[:0]
-            applied = self._applied(piece, grid, [candidates[0].measurement])
+            applied = self._applied(piece, grid, [candidates[0].measurement] * len(distinct), points[shown])
             (qpos,), (qvel,) = self._begun(index, [candidates[0].measurement])
             memory = self._memory(index)
-            for candidate in candidates:
+            for candidate, load in zip(candidates, alike.ravel().tolist(), strict=True):
                 onset = candidate.onsets_s[index]
-                if (index, onset) not in known:
+                if (index, onset, load) not in known:
                     controls = self._controls(piece, np.concatenate([past, grid]), onset)
                     row = np.zeros((longest, width))
                     row[: len(grid), : controls.shape[1]] = controls[len(past) :]
                     if applied is not None:
-                        row[: len(grid), twin.model.nu :] = applied[0]
-                    known[index, onset] = len(inputs)
+                        row[: len(grid), twin.model.nu :] = applied[min(load, len(applied) - 1)]
+                    known[index, onset, load] = len(inputs)
                     inputs.append(row)
                     earlier = controls[: len(past)] if len(past) else None
                     self._before[index, onset] = controls[len(past)], earlier
@@ -164,7 +166,7 @@ class LawProblem(Posterior):
                 filled = np.zeros(twin.model.nu)
                 filled[: len(first)] = first
                 states.append(initial_state(candidate.model, filled, qpos, qvel, earlier, loaded=True))
-                input_of.append(known[index, onset])
+                input_of.append(known[index, onset, load])
                 steps.append(len(grid))
                 begun.append(memory)
         count = len(candidates)
