@@ -199,9 +199,21 @@ def formulas(feature: Feature, coefficients: np.ndarray, sigmas: np.ndarray) -> 
             fit = least_squares(
                 lambda p, family=family: (family.shape(p, x) - coefficients) / noise, start, max_nfev=200
             )
+            if not _within(family.key, fit.x, x):
+                continue
             bits = 2.0 * fit.cost + len(family.names) * np.log(len(x))
             found.append((float(bits), Formula(family, fit.x).in_order()))
     return [formula for _, formula in sorted(found, key=lambda item: item[0])]
+
+
+def _within(key: str, values: np.ndarray, x: np.ndarray) -> bool:
+    """Whether what a family speaks of lies where the data were: a bump far away is a line in disguise."""
+    span = float(np.ptp(x))
+    if key == "sine":
+        return abs(values[1]) > np.pi / span
+    if key in ("bump", "notch"):
+        return x[0] <= values[1] <= x[-1] and abs(values[2]) < span
+    return key != "settling" or 0.0 < values[1] < 3.0 * span
 
 
 def dense(feature: Feature) -> tuple[float, ...]:

@@ -81,7 +81,7 @@ def refitted(search: JointSearch, law: FittedLaw, candidates: Sequence[Formula])
     best: RefittedLaw | None = None
     for formula in candidates:
         found = _by_formula(search, law, formula)
-        if best is None or found.law.reached.cost < best.law.reached.cost:
+        if best is None or found.law.nats > best.law.nats:
             best = found
     if best is not None and best.law.reached.cost < _AS_GOOD * law.reached.cost:
         return best
