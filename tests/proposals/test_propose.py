@@ -13,6 +13,8 @@ import pytest
 from tests.proposals.conftest import UNEXPLAINED
 from twin_daemon.cli.app import main
 from twin_daemon.diagnosis.verdict import Diagnosis
+from twin_daemon.effects.from_files import EffectFile, effect_of
+from twin_daemon.proposals.features import features
 from twin_daemon.proposals.propose import propose
 from twin_daemon.simulation.twin import TwinModel
 
@@ -101,11 +103,23 @@ def test_a_notch_is_proposed_as_a_torque_over_the_angle(twin: TwinModel, recorde
 
 @pytest.mark.slow
 def test_a_servo_that_fades_is_proposed_as_its_gain_over_time(twin: TwinModel, recorded: Recorded) -> None:
-    (proposal,) = propose(twin, *recorded("fading_gain", 10.0, 8.0), UNEXPLAINED, joints=["elbow"]).proposals
+    (proposal,) = propose(twin, *recorded("fading_gain", 9.0, 6.0), UNEXPLAINED, joints=["elbow"]).proposals
     assert proposal.port == "command"
     assert proposal.variables == ("time", "error")
     assert proposal.curve.value[-1] - proposal.curve.value[0] < -0.2
     assert proposal.holdout_gain > 0.5
+
+
+@pytest.mark.parametrize("port", ["torque", "command", "reading"])
+def test_every_law_that_is_looked_for_can_be_written(port: str) -> None:
+    motion = np.linspace(-1.0, 1.0, 500)
+    heat = motion + 1.0
+    for feature in features(8.0, motion, motion, motion, motion, 20.0, heat, {"next_1": motion}):
+        if feature.port == port:
+            content = {"name": "my_law", "title": "a law", "port": port, "visited": (0.0, 1.0), "unit": feature.unit}
+            own = {"over": feature.over, "factor": feature.factor, "memory": feature.memory}
+            curve = {"knots": feature.knots, "values": [0.0] * len(feature.knots), "neighbour": feature.neighbour}
+            assert effect_of(EffectFile.model_validate(content | own | curve)).key == "my_law"
 
 
 def test_a_sound_robot_gets_no_proposal(twin: TwinModel, recorded: Recorded) -> None:

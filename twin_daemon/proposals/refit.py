@@ -97,7 +97,7 @@ def _by_formula(search: JointSearch, law: FittedLaw, formula: Formula) -> Refitt
     values = wrapped.values(reached.point[None])[0]
     inflation = max(1.0, reached.cost / max(problem.effective_samples, 1.0))
     covariance = inflation * np.linalg.pinv(reached.slopes.T @ reached.slopes)
-    sigmas = np.sqrt(np.diag(covariance))[own:] * 2.0 * wrapped.scales
+    sigmas = np.sqrt(np.maximum(np.diag(covariance)[own:], 0.0)) * 2.0 * wrapped.scales
     half = np.maximum(1.96 * sigmas, _VALUE_FLOOR * np.abs(values))
     named = {
         name: (float(v), float(v - h), float(v + h))

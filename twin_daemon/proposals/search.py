@@ -96,7 +96,7 @@ class FittedLaw:
         """(k,) of the coefficients, the nuisances' own uncertainty among it, wider where the law leaves much."""
         inflation = max(1.0, self.chi_square)
         information = self.reached.slopes.T @ self.reached.slopes / inflation
-        unit = np.sqrt(np.diag(np.linalg.pinv(information)))[self.problem.own :]
+        unit = np.sqrt(np.maximum(np.diag(np.linalg.pinv(information))[self.problem.own :], 0.0))
         return unit * 2.0 * self.feature.most
 
     @property

@@ -25,7 +25,7 @@ _FLOOR_NM = 1e-9
 def cost(effect: EffectFile) -> str:
     """What the native form leaves out, in a sentence; empty where it leaves nothing out."""
     if effect.port == "reading":
-        return ""
+        return "" if exists(effect) else "readings of a twin do not depend on the time"
     own = (effect.port, effect.over, effect.factor, effect.memory)
     if own == ("torque", "position", "", ""):
         return "" if sine_of(effect) else (
@@ -44,7 +44,7 @@ def cost(effect: EffectFile) -> str:
 def exists(effect: EffectFile) -> bool:
     """Whether a model can have anything of the law at all."""
     if effect.port == "reading":
-        return True
+        return effect.over != "time"
     if effect.port == "torque":
         return effect.memory == "play" or (not effect.memory and not effect.factor and effect.over in _NATIVE)
     return not effect.memory and (effect.factor == "error" or effect.over == "error")

@@ -45,7 +45,7 @@ class EffectFile(BaseModel):
     factor: Literal["", "direction", "error"] = ""
     memory: Literal["", "play", "relaxation", "creep"] = ""
     neighbour: Word = ""
-    unit: Word
+    unit: Literal["N m", "N m/rad", "rad", "1"]
     knots: tuple[Finite, ...] = Field(min_length=2, max_length=MAX_KNOTS)
     values: tuple[Finite, ...] = Field(min_length=2, max_length=MAX_KNOTS)
     sigmas: tuple[Finite, ...] = Field(default=(), max_length=MAX_KNOTS)
@@ -72,8 +72,8 @@ class EffectFile(BaseModel):
             slopes = np.diff(self.values) / np.diff(self.knots)
             if self.over == "position" and np.abs(slopes).max() > _STEEPEST_READING:
                 raise ValueError(f"a reading's slope beside the angle's own may be {_STEEPEST_READING:g} at most")
-            if self.over not in ("position", "neighbour") or self.factor or self.memory:
-                raise ValueError("a reading depends on the joint's angle or a neighbour's")
+            if self.over not in ("position", "neighbour", "time") or self.factor or self.memory:
+                raise ValueError("a reading depends on the joint's angle, a neighbour's, or the time")
         return self
 
 
