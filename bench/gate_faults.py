@@ -126,8 +126,12 @@ class Starts:
         self._said: list[tuple[float, np.ndarray]] = []
         self.looked_at = 0
 
+    def by_command(self, pose: np.ndarray) -> np.ndarray:
+        """(c,) rad of a pose (j,): the sum of each command's joints."""
+        return np.array([pose[joints].sum() for joints in self._parts])
+
     def heard(self, said: np.ndarray, now_s: float) -> None:
-        row = np.array([said[joints].sum() for joints in self._parts])
+        row = self.by_command(said)
         self._said = [one for one in self._said if one[0] >= now_s - RECENT_S] + [(now_s, row)]
 
     def look(self, fresh: np.ndarray, row: np.ndarray, step: np.ndarray, now_s: float) -> None:

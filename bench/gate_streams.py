@@ -65,8 +65,20 @@ class Watch:
         """Somebody has sent the hand elsewhere, past the gate: what overlaps from now on because of it is his doing."""
         self._first = self._row.copy()
 
-    def turn(self, sent: Sendable | None, since_s: float, start: np.ndarray, measured: np.ndarray, look: bool) -> None:
-        """One turn of the gate, `since_s` after the one before; `start` (c,) is where new commands begin."""
+    def turn(
+        self,
+        sent: Sendable | None,
+        since_s: float,
+        start: np.ndarray,
+        measured: np.ndarray,
+        look: bool,
+        hand: np.ndarray | None = None,
+    ) -> None:
+        """One turn of the gate, `since_s` after the one before; `start` (c,) is where new commands begin.
+
+        `hand` (c,) is where the hand truly is while it lets go: setpoints that come back to it overlap no more than it
+        does there, ahead by the margin that holds links up.
+        """
         dt_s = min(since_s, self._dt_s)
         row = self._row.copy()
         if sent is not None:
@@ -96,6 +108,10 @@ class Watch:
         if moved and look:
             now = np.where(given, self._first, start)
             found = self._preview.along(measured, np.where(given, row, start)[None], now=now)
+            if found is not None and hand is not None:
+                margin = self._limits.margin
+                there = hand + np.minimum(np.maximum(row - hand, -margin), margin)
+                found = self._preview.along(measured, np.where(given, row, start)[None], now=there)
             assert found is None, str(found)
 
 
@@ -238,7 +254,8 @@ class Stream:
         if idle:
             assert sent is None, "sent without being armed"
             return
-        self.watch.turn(sent, since_s, start, self.said, look=rng.random() < 0.1)
+        hand = self.starts.by_command(self.pose) if self.gate._letting_go is not None else None
+        self.watch.turn(sent, since_s, start, self.said, look=rng.random() < 0.1, hand=hand)
         row = self.watch.row
         self.contact.sent(row)
         fresh = np.isfinite(row) & ~np.isfinite(before)

@@ -107,6 +107,35 @@ def test_no_motion_begins_while_the_hand_lets_go(twin: TwinModel) -> None:
     assert rig.ask("move", targets={"rh_MFJ3": 0.3})["accepted"]
 
 
+def test_arming_anew_buys_a_finger_that_is_blocked_no_time(twin: TwinModel) -> None:
+    rig = PlantRig(twin, [BLOCKED])
+    rig.arm()
+    farthest = 0.0
+    for number in range(120):
+        ahead = min(rig.setpoint() if rig.sent else 0.0, 1.1) + 0.2
+        rig.ask("target", targets={"rh_FFJ3": ahead})
+        rig.turn()
+        farthest = max(farthest, rig.setpoint() - rig.measured() if rig.sent else 0.0)
+        if number % 8 == 7 and rig.status["mode"] == "armed":  # sooner than a trip comes
+            rig.ask("disarm")
+            rig.arm()
+    assert "from where it was sent" in rig.status["ended"]
+    assert farthest < 0.7
+
+
+def test_a_neighbour_does_not_run_into_a_finger_that_does_not_follow(twin: TwinModel) -> None:
+    """Where the middle finger is sent the ring finger has room; where it is, it has not."""
+    rig = PlantRig(twin, [f"joint_stop:rh_MFJ3={1.5708 - 0.05},stiffness={STIFFNESS}"], tracking_time_s=1.0)
+    rig.arm()
+    plan = {"times_s": [0.0, 0.3, 0.8], "positions": [[0.0, 0.0], [0.6, 0.0], [1.0, 0.3]]}
+    assert rig.ask("trajectory", joints=["rh_MFJ3", "rh_RFJ4"], **plan)["accepted"]
+    rig.until_it_ends(3.0)
+    assert "rh_MFJ3 does not follow, and rh_mf" in rig.status["ended"]
+    assert rig.setpoint("rh_RFJ4") < 0.15
+    rig.turns(1.0, beat=False)
+    assert abs(rig.setpoint("rh_MFJ3") - rig.measured("rh_MFJ3")) < 0.03
+
+
 def test_what_lies_beyond_the_limits_of_the_site_is_let_go_of_as_far_as_they_reach(twin: TwinModel) -> None:
     rig = Rig(twin, limits={"rh_FFJ3": {"lower_rad": 0.2}})
     rig.pose[rig.joints.index("rh_FFJ3")] = 0.3

@@ -18,6 +18,7 @@ import numpy as np
 
 from twin_daemon.errors import BadInput
 from twin_daemon.gate import told
+from twin_daemon.gate.ahead import in_the_way
 from twin_daemon.gate.checks import (
     ALLOWED,
     BEGUN,
@@ -31,7 +32,7 @@ from twin_daemon.gate.checks import (
 )
 from twin_daemon.gate.foresight import Foresight
 from twin_daemon.gate.identity import Who
-from twin_daemon.gate.latch import Latch
+from twin_daemon.gate.latch import Latch, kept_on_disk
 from twin_daemon.gate.lease import Lease, Sequences
 from twin_daemon.gate.let_go import LetGo, Path
 from twin_daemon.gate.limits import limits_of
@@ -167,19 +168,9 @@ class Gate:
             answer = self._decide(asked, refusal, generation, max(now_s, self.clock()))
         if verb != "stop":
             return answer
-        return answer | {"latched": True, "was_driving": was_driving} | self._latched(answer["gate"]["ended"])
-
-    def _latched(self, why: str | None) -> dict[str, Any]:
-        """Puts a stop on disk, and says whether that worked. Not under the gate's lock: the setpoints come to rest
-        meanwhile, however slow the disk is."""
-        if self._latch is None:
-            return {"latch_kept": False, "latch_why": "this gate keeps no latch on disk"}
-        try:
-            self._latch.set(why or "stopped", lambda: self._mode == "stopped")
-        except OSError as error:
-            lost = f"the latch cannot be written ({error.strerror}): it ends with this process"
-            return {"latch_kept": False, "latch_why": lost}
-        return {"latch_kept": True, "latch_why": None}
+        # not under the lock: the setpoints come to rest meanwhile, however slow the disk is
+        kept = kept_on_disk(self._latch, answer["gate"]["ended"], lambda: self._mode == "stopped")
+        return answer | {"latched": True, "was_driving": was_driving} | kept
 
     def _asked(self, verb: str, request: Request, who: Who | None, wall_ns: int) -> Asked:
         return Asked(
@@ -249,9 +240,9 @@ class Gate:
             self._first_sent_s = -np.inf
             if not self._shaper.is_given:  # what still lets go may need the whole way back
                 self._path = Path(len(self.limits.names))
+                self._trips.forget()  # else what is behind has been so before: arming anew buys it no time
             if self._shaper.still:  # else the turns go on, and with them the time between two
                 self._last_turn_s = now_s
-            self._trips.forget()
         elif asked.verb == "disarm":
             self._end(Trip("disarmed", "disarmed by its commander"), now_s, tell=False)
         elif asked.verb == "stop":
@@ -325,13 +316,14 @@ class Gate:
             goal = self._letting_go.follow(self._senses.by_command(), now_s)
             if self._letting_go.is_done(shaper.position, now_s):
                 self._letting_go = None
+                self._trips.forget()
         position, velocity = shaper.toward(goal, dt_s)
         if motion is not None and velocity.any():
             now = self._start()
             then = np.where(shaper.given, shaper.stopping(position, velocity), now)
-            found = self._ahead.first_collision(self._senses.pose, now, then)
-            if found is not None:
-                self._end(Trip("collision", str(found)), now_s)
+            trip = in_the_way(self._ahead, self._trips, self._senses.pose, now, then)
+            if trip is not None:
+                self._end(trip, now_s)
                 position, velocity = shaper.toward(rest, dt_s)
         shaper.take(position, velocity)
         # a motion is not done while the hand stays behind
@@ -474,6 +466,7 @@ class Gate:
             age_s=now_s - arrival_s,
             effort=self._senses.effort,
             doubts=self._senses.doubts(now_s),
+            letting_go=self._letting_go is not None,
         )
 
     def _record(self, asked: Asked, refusal: Refusal | None, now_s: float) -> None:

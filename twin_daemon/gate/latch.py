@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from twin_daemon.files import leftovers, make_folder, sync_folder, write_atomically
 
@@ -57,3 +58,15 @@ class Latch:
             if self._path.parent.is_dir():
                 sync_folder(self._path.parent)
             self._set = False
+
+
+def kept_on_disk(latch: Latch | None, why: str | None, still_wanted: Callable[[], bool]) -> dict[str, Any]:
+    """Puts a stop on disk, and says whether that worked."""
+    if latch is None:
+        return {"latch_kept": False, "latch_why": "this gate keeps no latch on disk"}
+    try:
+        latch.set(why or "stopped", still_wanted)
+    except OSError as error:
+        lost = f"the latch cannot be written ({error.strerror}): it ends with this process"
+        return {"latch_kept": False, "latch_why": lost}
+    return {"latch_kept": True, "latch_why": None}

@@ -43,6 +43,12 @@ class Response:
         self.off = False
         """Whether a command is odd at the moment."""
 
+    @property
+    def which(self) -> np.ndarray:
+        """(c,) bool: which commands are odd at the moment."""
+        still, against = np.isfinite(self._odd_s)
+        return still | against
+
     def sent(self, now_s: float, expected: np.ndarray) -> None:
         """Where the twin is from now on; NaN for commands that are not driven."""
         self._expected = expected

@@ -47,6 +47,11 @@ class Tracking:
         self._away = np.zeros(len(self.names))
         self._allowed = np.zeros(len(self.names))
 
+    @property
+    def which(self) -> np.ndarray:
+        """(c,) bool: which commands are off at the moment."""
+        return np.isfinite(self._off_s)
+
     def sent(self, now_s: float, setpoint: np.ndarray, expected: np.ndarray) -> None:
         """The setpoints in force from now on, and where the twin is."""
         self._past.append(now_s, setpoint, np.abs(setpoint - expected))

@@ -36,6 +36,7 @@ class Turn:
     age_s: np.ndarray
     effort: dict[str, float]
     doubts: list[Doubt]
+    letting_go: bool  # no motion is under way, and what springs back need not do what the twin does
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,11 @@ class Trips:
     def suspects(self) -> bool:
         """Whether the hand does not do what it should at the moment; a trip may come of it."""
         return self.tracking.off or self.response.off
+
+    @property
+    def suspected(self) -> np.ndarray:
+        """(c,) bool: the commands of which that is so."""
+        return self.tracking.which | self.response.which
 
     def look(self, turn: Turn) -> Trip | None:
         """The first trip of this turn, if there is one."""
@@ -130,10 +136,14 @@ class Trips:
         return Trip("implausible", f"{cause.why}; {doubt.why}")
 
     def _response(self, turn: Turn) -> Trip | None:
+        if turn.letting_go:
+            return None
         found = self.response.look(turn.measured, turn.arrival_s)
         return None if found is None else Trip(found.kind, found.why)
 
     def _tracking(self, turn: Turn) -> Trip | None:
+        if turn.letting_go:
+            return None
         found = self.tracking.look(turn.measured, turn.arrival_s)
         if found is None:
             return None
