@@ -70,6 +70,19 @@ def test_it_says_where_the_model_fails(named: dict[str, Any]) -> None:
 
 
 @pytest.mark.slow
+def test_an_effect_that_is_fitted_anew_comes_to_the_same_values(named: dict[str, Any], tmp_path: Path) -> None:
+    """The same recordings and the same fit: not two intervals of one parameter that exclude each other."""
+    first = named["findings"][0]
+    recordings = ["--recording", named["fitted_on"][0]["path"], "--holdout", named["held_out_on"][0]["path"]]
+    fitted = called("add", first["effect"], "--joint", first["target"], *recordings, result=tmp_path / "anew.json")
+    for name, said in first["parameters"].items():
+        anew = fitted["parameters"][f"{first['effect']}:{first['target']}.{name}"]
+        low, high = said["ci95"]
+        assert low <= anew["value"] <= high
+        assert anew["ci95"][0] <= said["value"] <= anew["ci95"][1]
+
+
+@pytest.mark.slow
 def test_a_finding_is_taken_over_with_its_figures(
     named: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

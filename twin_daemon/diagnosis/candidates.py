@@ -34,10 +34,10 @@ class Hypothesis:
         """Whether the other law, at the same place, is this one at a bound."""
         return self.target == other.target and other.effect.key in self.effect.contains
 
-    def term(self, values: dict[str, float]) -> EffectTerm:
-        return EffectTerm(effect=self.effect.key, target=self.target, values=values)
+    def term(self, values: Mapping[str, float]) -> EffectTerm:
+        return EffectTerm(effect=self.effect.key, target=self.target, values=dict(values))
 
-    def variables(self, start: dict[str, float]) -> tuple[EffectVariable, ...]:
+    def variables(self, start: Mapping[str, float]) -> tuple[EffectVariable, ...]:
         """The effect's parameters as variables that start at these values, in a box of the size of its starts."""
         complete = self.effect.complete(start)
         variables = []
@@ -60,7 +60,7 @@ class Hypothesis:
         below = max(max(p.neutral - v for v in values), 0.0) * (TAKEN_AWAY if self.effect.competes_with else WIDER)
         return max(lower, p.neutral - below), min(upper, p.neutral + above)
 
-    def along(self, start: dict[str, float], amount: float) -> dict[str, float]:
+    def along(self, start: Mapping[str, float], amount: float) -> dict[str, float]:
         """The values this far along the line from neutral to a start; logarithmic parameters stay as they are."""
         amount = max(amount, LEAST_ALONG)
         values = {}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -169,15 +169,19 @@ class PartFit:
         along = [name for v in self.variables if v.name in own for name in v.factors[1:] if name not in spoken]
         return replace(variable, along=tuple(along))
 
-    def problem_with(self, *effects: tuple[Hypothesis, dict[str, float]]) -> Posterior:
-        """The problem with more effects, their parameters and all nuisances but the ones that they speak for."""
+    def problem_with(self, *effects: tuple[Hypothesis, Mapping[str, float]], held: Collection[str] = ()) -> Posterior:
+        """The problem with more effects, their parameters and all nuisances but the ones that they speak for.
+
+        The effects' parameters that are `held` stay as they are given.
+        """
         spoken = {name for hypothesis, _ in effects for name in hypothesis.speaks_for(self.twin)}
         offsets = {joint for hypothesis, _ in effects for joint in hypothesis.holds_offset()}
         terms, own = self.twin.terms, []
         for hypothesis, values in effects:
             terms = terms.with_effect(hypothesis.term(values))
             first, *others = hypothesis.variables(values)
-            own += [self._along(hypothesis, first, spoken), *others]
+            both = (self._along(hypothesis, first, spoken), *others)
+            own += [variable for variable in both if variable.parameter not in held]
         return Posterior(
             self.twin.changed(terms),
             self.recordings,
@@ -195,8 +199,11 @@ class PartFit:
         other values on the way put back: what began at an end of its range, where a law is simpler, what has come to
         an end of it, where another law begins at the other, and nuisances that are far off.
         """
-        problem, found = self._full_fit(first.hypothesis, first.problem, first.point, evaluations)
-        return as_fit(first.hypothesis, problem, found)
+        return self.ended(first.hypothesis, first.problem, first.point, evaluations)
+
+    def ended(self, hypothesis: Hypothesis, problem: Posterior, point: np.ndarray, evaluations: int) -> Fit:
+        """As `full_fit`, of a problem of this part from a point (p,)."""
+        return as_fit(hypothesis, *self._full_fit(hypothesis, problem, point, evaluations))
 
     def full_fit_together(self, fits: Sequence[Fit], evaluations: int, asked: Fit) -> list[Fit]:
         """Several effects fitted at once, as finely as one is, with the nuisances from where they are beside one of

@@ -8,22 +8,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin_daemon.diagnosis.candidates import Hypothesis, candidate, informed
-from twin_daemon.diagnosis.fit import Fit, as_fit, own_columns, own_estimates
+from twin_daemon.diagnosis.fit import Fit, own_columns, own_estimates
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.shared import SharedCause, SharedSearch, estimates
-from twin_daemon.diagnosis.thresholds import REFIT_ROLLOUTS, REFIT_ROUNDS, REFIT_STARTS, SETTLED
+from twin_daemon.diagnosis.thresholds import FULL_FIT_ROLLOUTS, REFIT_ROLLOUTS, REFIT_ROUNDS, REFIT_STARTS, SETTLED
 from twin_daemon.effects.base import Effect
 from twin_daemon.errors import BadInput
-from twin_daemon.estimation.nuisances import beside, nuisance_variables
 from twin_daemon.estimation.partition import Reduction
-from twin_daemon.estimation.posterior import Posterior, floor_and_corrections
-from twin_daemon.estimation.solvers.trust_region import Derivative, descend
+from twin_daemon.estimation.posterior import Posterior
+from twin_daemon.estimation.solvers.trust_region import Derivative, Descent, descend
 from twin_daemon.estimation.uncertainty import Estimate
 from twin_daemon.estimation.windows import segments
 from twin_daemon.executor import TimeLimit, concurrently
-from twin_daemon.places import ROBOT
+from twin_daemon.places import HAND, ROBOT
 from twin_daemon.simulation.alignment import Aligned, moving_joints
-from twin_daemon.simulation.submodel import drive_groups, parts
+from twin_daemon.simulation.submodel import Part, drive_groups, parts
 from twin_daemon.simulation.terms import EffectTerm
 from twin_daemon.simulation.twin import TwinModel
 
@@ -50,7 +49,7 @@ def refit_effect(
     *,
     start: Mapping[str, float] | None = None,
 ) -> Refit:
-    """Fits an effect at its targets, `given` values fixed, part by part where parts move on their own.
+    """Fits an effect at its targets, `given` values fixed, group by group where groups move on their own.
 
     Descends from the effect's own starts, or from `start` alone where the values are known first_fits.
 
@@ -66,14 +65,14 @@ def refit_effect(
     values: dict[str, Estimate] = {}
     parameters: dict[str, float] = {}
     notes: list[str] = []
-    for members, own in _groups(twin, targets):
-        joints = [n for n in twin.joints if n in members and n in moving]
+    for part, own in _groups(twin, effect, targets):
+        joints = [n for n in twin.joints if n in part.joints and n in moving]
         still = [t for t in own if t != "hand" and not set(twin.joints_of(t)) & moving]
         if still or not joints:
             raise _does_not_move(still or own, effect)
-        small, pieces = _pieces(twin, reduction, recordings, joints, whole=own == ["hand"])
+        small, pieces = _pieces(twin, reduction, recordings, part, joints)
         hypotheses = [_hypothesis(small, effect, target, joints[0], start) for target in own]
-        best = _fit(small, pieces, hypotheses, given, joints, guess=start is None)
+        best = _fit(PartFit(small, pieces, joints), hypotheses, given, guess=start is None)
         parameters |= best.moved
         for hypothesis in hypotheses:
             term, found = _read(best, hypothesis)
@@ -148,94 +147,71 @@ def refit_parameters(twin: TwinModel, recordings: Sequence[Aligned]) -> dict[str
         if joints:
             reduced = reduction.of(twin, part, joints)
             if reduced is not None:
-                best = _fit(reduced.twin, reduced.train, [], {}, joints)
-                parameters |= best.moved
+                parameters |= PartFit(reduced.twin, reduced.train, joints, thoroughly=True).base.moved
     return parameters
 
 
-def _groups(twin: TwinModel, targets: Sequence[str]) -> list[tuple[set[str], list[str]]]:
-    """(joints that are judged, targets that are fitted together): part by part."""
-    if "hand" in targets:
-        return [(set(twin.joints), list(targets))]
-    groups = [(set(p.joints), [t for t in targets if set(twin.joints_of(t)) & set(p.joints)]) for p in parts(twin)]
-    return [(members, own) for members, own in groups if own]
+def _groups(twin: TwinModel, effect: Effect, targets: Sequence[str]) -> list[tuple[Part, list[str]]]:
+    """(joints that are judged, targets that are fitted together): what one servo moves, as in a diagnosis.
+
+    A load is felt by all joints that carry it: it is judged by its whole part.
+    """
+    if HAND in targets:
+        return [(Part(HAND, twin.joints, ()), list(targets))]
+    cut = parts(twin) if effect.shared == "load" else drive_groups(twin)
+    groups = [(part, [t for t in targets if set(twin.joints_of(t)) & set(part.joints)]) for part in cut]
+    return [(part, own) for part, own in groups if own]
 
 
 def _pieces(
-    twin: TwinModel, reduction: Reduction, recordings: Sequence[Aligned], joints: Sequence[str], *, whole: bool
+    twin: TwinModel, reduction: Reduction, recordings: Sequence[Aligned], part: Part, joints: Sequence[str]
 ) -> tuple[TwinModel, Sequence[Aligned]]:
-    if whole:
+    if part.name == HAND:
         return twin, [piece for r in recordings for piece in segments(r, joints)]
-    part = next(p for p in parts(twin) if set(joints) <= set(p.joints))
     reduced = reduction.of(twin, part, joints)
     if reduced is None:
         raise _touches_all_the_time(part.name)
     return reduced.twin, reduced.train
 
 
-def _fit(
-    small: TwinModel,
-    pieces: Sequence[Aligned],
-    hypotheses: Sequence[Hypothesis],
-    given: Mapping[str, float],
-    joints: Sequence[str],
-    *,
-    guess: bool = False,
-) -> Fit:
-    """The best descent of the hypotheses' parameters, together, and of all that is uncertain.
+def _fit(part: PartFit, hypotheses: Sequence[Hypothesis], given: Mapping[str, float], *, guess: bool = False) -> Fit:
+    """The best descent of the hypotheses' parameters, together, and of all that is uncertain, as a diagnosis ends it.
 
     With `guess` from the starts that the error without them suggests, where an effect has such.
     """
-    floor, corrections = floor_and_corrections(small, pieces, (), joints)
+    small, pieces, joints = part.twin, part.recordings, part.joints
     if guess:
-        without = Posterior(small, pieces, (), joints, floor, corrections=corrections)
+        without = part.problem.over(pieces, (), part.corrections)
         gaps = [gap[0] for gap in without.joint_residuals(np.zeros((1, 0)))]
         hypotheses = [informed(h, small, pieces, joints, gaps) for h in hypotheses]
-    spoken = {name for h in hypotheses for name in h.speaks_for(small)}
-    nuisances = beside(nuisance_variables(small, pieces, joints), spoken)
-    offsets = {joint for h in hypotheses for joint in h.holds_offset()}
     trials: list[tuple[float, int, Posterior]] = []
     refused: BadInput | None = None
-    for number in range(max((len(h.starts) for h in hypotheses), default=1)):
-        terms, variables = small.terms, []
-        for h in hypotheses:
-            start = {**h.starts[min(number, len(h.starts) - 1)], **given}
-            terms = terms.with_effect(h.term(start))
-            variables += [v for v in h.variables(start) if v.parameter not in given]
+    for number in range(max(len(h.starts) for h in hypotheses)):
+        starts = [(h, {**h.starts[min(number, len(h.starts) - 1)], **given}) for h in hypotheses]
         try:
-            begun = small.changed(terms)
+            problem = part.problem_with(*starts, held=given)
         except BadInput as error:  # a start that this model has no room for, such as less friction than none
             refused = error
             continue
-        problem = Posterior(
-            begun,
-            pieces,
-            (*variables, *nuisances),
-            joints,
-            floor,
-            offset_held=offsets,
-            corrections=corrections,
-            threads=None,
-        )
         rows = problem.residuals(problem.start[None])[0]
         trials.append((float(rows @ rows), number, problem))
     if not trials and refused is not None:
         raise refused
     trials.sort(key=lambda trial: trial[:2])
-    return min((_descended(problem) for _, _, problem in trials[:REFIT_STARTS]), key=lambda fit: fit.cost)
+    begun = [(problem, _descended(problem)) for _, _, problem in trials[:REFIT_STARTS]]
+    problem, found = min(begun, key=lambda item: float(item[1].rows @ item[1].rows))
+    return part.ended(hypotheses[0], problem, found.point, FULL_FIT_ROLLOUTS)
 
 
-def _descended(problem: Posterior) -> Fit:
-    """Down in rounds with new derivatives each, as long as they gain, the time step's error taken out at the end."""
-    own = own_columns(problem)
-    point = problem.start
+def _descended(problem: Posterior) -> Descent:
+    """Down in rounds with new derivatives each, as long as they gain."""
+    own, point = own_columns(problem), problem.start
     for _ in range(REFIT_ROUNDS):
         found = descend(problem, point, Derivative(problem, own), evaluations=REFIT_ROLLOUTS)
         point = found.point
         if found.rows @ found.rows > SETTLED * found.began:
             break
-    settled = problem.corrected(problem.step_errors(point))
-    return as_fit(None, settled, descend(settled, point, Derivative(settled, own), evaluations=REFIT_ROLLOUTS))
+    return found
 
 
 def _hypothesis(
