@@ -20,7 +20,7 @@ class ActuatorSaturation(Effect):
     acts_on = "actuator"
     rank = 80
     parameters = (
-        Parameter("limit", "N m", 1e-3, _UNLIMITED, _UNLIMITED, 0.15, "largest torque, either way", log=True),
+        Parameter("limit", "N m", 1e-6, _UNLIMITED, _UNLIMITED, 0.15, "largest torque, either way", log=True),
     )
     story = Story(
         what="The servo's torque stops growing with the error.",

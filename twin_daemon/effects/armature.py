@@ -42,4 +42,5 @@ class Armature(Effect):
         add_to_linear(spec.joint(place.joint), "armature", values["armature"], place)
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
-        return tuple({"armature": factor * scale.inertia} for factor in (0.5, 3.0, 10.0))
+        more = tuple({"armature": factor * scale.inertia} for factor in (0.5, 3.0, 10.0))
+        return (*more, {"armature": -0.5 * scale.armature}) if scale.armature > 0.0 else more

@@ -206,12 +206,14 @@ class TwinModel:
         limited = actuator is not None and model.actuator_forcelimited[actuator]
         force = float(model.actuator_forcerange[actuator, 1]) if limited else 0.1 * kp
         low, high = model.jnt_range[joints].sum(axis=0) if joints else (-np.pi, np.pi)
+        inertia = float(np.diag(mass)[dofs].max(initial=1e-12))
         return Scale(
             kp=kp,
             force_nm=force,
-            damping=float(model.dof_damping[dofs].max(initial=1e-3)),
-            frictionloss=float(model.dof_frictionloss[dofs].max(initial=1e-3)),
-            inertia=float(np.diag(mass)[dofs].max(initial=1e-6)),
+            damping=float(model.dof_damping[dofs].max(initial=0.0)) or 0.2 * float(np.sqrt(kp * inertia)),
+            frictionloss=float(model.dof_frictionloss[dofs].max(initial=0.0)) or 1e-3 * kp,
+            inertia=inertia,
+            armature=float(model.dof_armature[dofs].max(initial=0.0)),
             lower=float(low),
             upper=float(high),
             step_s=float(model.opt.timestep),
