@@ -51,6 +51,12 @@ class Case:
     def effect(self) -> str | None:
         return CHANGES[self.change]
 
+    @classmethod
+    def read(cls, folder: Path, name: str) -> Case:
+        """A case that `make` has written."""
+        truth = json.loads((folder / f"{name}.truth.json").read_text())
+        return cls(name, truth["change"], truth["finger_joint"], folder / f"{name}_healthy", folder / f"{name}_now")
+
 
 @dataclass
 class _Plant:
@@ -121,7 +127,8 @@ def make(folder: Path, model: Path, change: str, seed: int, seconds: float = 20.
         stamps = time_s + 1.0 / RATE_HZ + rng.normal(0.0, JITTER_S, len(time_s))
         read = np.round((angles + rng.normal(0.0, NOISE_RAD, angles.shape)) / RESOLUTION_RAD) * RESOLUTION_RAD
         _write(path, plant.model, 1.7e9 + week * WEEK_S, time_s, commands, stamps, read)
-    truth = {"model": str(model), "effect": case.effect, "joints": [joint] if case.effect else [], "change": change}
+    joints = [joint] if case.effect else []
+    truth = {"model": str(model), "effect": case.effect, "joints": joints, "change": change, "finger_joint": joint}
     (folder / f"{case.name}.truth.json").write_text(json.dumps(truth))
     return case
 

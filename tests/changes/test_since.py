@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -14,8 +15,11 @@ import pytest
 from tests.simulation.made import Motion, recorded, saved
 from twin_daemon.cli.app import main
 from twin_daemon.hand import load_hand
+from twin_daemon.recordings import load_recording
 from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
+from twin_daemon.versions import VersionStore
+from twin_daemon.versions.version import Draft, ParameterRecord, RecordingUsed
 
 JOINT = "elbow"
 OFF = {f"{JOINT}.damping": 0.23, f"{JOINT}.frictionloss": 0.017, f"{JOINT}.kp": 3.5}  # the hand, not the model
@@ -103,6 +107,43 @@ def test_where_nothing_has_changed_nothing_is_named_and_what_would_have_been_see
     assert 1.0 < seen["viscous_friction"] < 1.25
     assert 1.0 < seen["actuator_gain"] < 1.25
     assert "nothing that these recordings would show has changed" in " ".join(capsys.readouterr().out.split())
+
+
+def test_since_a_version_takes_the_recordings_that_it_was_fitted_to_or_its_values_where_they_are_gone(
+    since: Callable[..., dict[str, Any]], model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    since("same", {})
+    healthy, now = model.parent / "healthy.mcap", model.parent / "same.mcap"
+    monkeypatch.setenv("TWIN_STATE_DIR", str(tmp_path))
+    hand, seen = load_hand(model=model), load_recording(healthy)
+    interval = {name: ParameterRecord(value=v, ci95=(0.97 * v, 1.03 * v)) for name, v in OFF.items()}
+    terms = Terms(parameters=OFF)
+    draft = Draft(
+        hand=hand.name,
+        kind="calibrated",
+        terms=terms.as_json(),
+        parameters=interval,
+        fitted_on=(RecordingUsed(name=seen.name, sha256=seen.sha256),),
+    )
+    store = VersionStore.of(hand)
+    version = store.add(draft, TwinModel.load(hand, terms).mjcf())
+    store.promote(version.id, force=True, reason="known to be right")
+    (tmp_path / "recordings").mkdir()
+    kept = tmp_path / "recordings" / healthy.name
+    shutil.copy(healthy, kept)
+    asked = ["diagnose", "--model", str(model), "--recording", str(now), "--json", str(tmp_path / "found.json")]
+
+    assert main([*asked, "--since", version.id[:8]]) == 0
+    found = json.loads((tmp_path / "found.json").read_text())
+    assert (found["verdict"], found["since_version"]) == ("within_noise", version.id)
+    assert [read["name"] for read in found["baseline"]] == [seen.name]
+
+    kept.unlink()
+    assert main([*asked, "--since", "2126-01-01"]) == 0
+    found = json.loads((tmp_path / "found.json").read_text())
+    assert (found["verdict"], found["baseline"], found["since_version"]) == ("within_noise", [], version.id)
+    assert any("its values stand for them" in note for note in found["notes"])
+    assert main([*asked, "--since", "1999-01-01"]) == 3
 
 
 def test_the_same_recording_twice_is_refused(model: Path, capsys: pytest.CaptureFixture[str]) -> None:

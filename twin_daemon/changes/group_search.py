@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from twin_daemon.changes.healthy_model import settled
 from twin_daemon.changes.joint_fit import Fit, Pair
 from twin_daemon.changes.quantities import Quantity, quantities
 from twin_daemon.changes.sessions import Session
@@ -17,10 +18,8 @@ from twin_daemon.changes.thresholds import (
     FIRST_ROUNDS,
     FURTHER_SHARE,
     MOST_CHANGES,
-    MOST_PRESENT,
     NAMED,
     NOTHING_CHANGED,
-    PRESENT_NATS,
     SEEN,
     TOLD_APART_NATS,
     WORTH_REFITTING,
@@ -84,7 +83,7 @@ def search_group(reduced: Reduced, sessions: Sessions, candidates: int, believed
     known = believed or Believed()
     means = np.array([known.centre.get(q.name, 0.0) for q in every])
     sigmas = np.array([known.sigma.get(q.name, q.shared_sigma) for q in every])
-    pair, start = _settled(Pair(earlier, later, means, sigmas))
+    pair, start = settled(Pair(earlier, later, means, sigmas))
     price = float(np.log((1.0 - NOTHING_CHANGED) / NOTHING_CHANGED / max(candidates, 1)))
     found = _select(reduced.name, pair, start, price)
     if sessions.held:
@@ -104,69 +103,6 @@ def _session(
     floor: np.ndarray,
 ) -> Session:
     return Session(twin, pieces, joints, every, floor, _floor(twin, pieces, joints)[1])
-
-
-def _settled(pair: Pair) -> tuple[Pair, Fit | None]:
-    """The pair with its noise as the earlier session has it, with the effects in its models that this shows."""
-    if pair.before is None:
-        _look(pair, pair.start)
-        return pair, None
-    alone = pair.baseline_only()
-    fit = alone.fit(())
-    _look(alone, fit.point)
-    fit = alone.fit((), _weighed(alone, fit))
-    for _ in range(MOST_PRESENT):
-        shown = _shown(alone, fit)
-        if shown is None:
-            break
-        begun = Fit(alone, fit.expected((shown,))[0], fit.rows, fit.slopes, fit.changed)
-        again = alone.with_active(alone.now.active | {shown}).fit((), begun)
-        if again.log_evidence < fit.log_evidence + PRESENT_NATS:
-            break
-        alone = again.pair
-        fit = alone.fit((), _weighed(alone, again))
-    pair = pair.with_active(alone.now.active)
-    assert alone.before is not None
-    assert pair.before is not None
-    pair.before.columns, pair.before.weights = alone.before.columns, alone.before.weights
-    pair.now.columns, pair.now.weights = alone.now.columns, alone.now.weights
-    rows = pair.rows(fit.point)
-    return pair, Fit(pair, fit.point, rows, pair.slopes(fit.point, rows), frozenset())
-
-
-def _look(pair: Pair, point: np.ndarray) -> None:
-    for session, at in zip((pair.before, pair.now), pair.points(point), strict=True):
-        if session is not None:
-            for index, quantity in enumerate(pair.now.quantities):
-                if not quantity.is_parameter and index not in session.active:
-                    session.look_at(at, index)
-
-
-def _weighed(alone: Pair, fit: Fit) -> Fit:
-    """A fit of the earlier session with what that leaves as its noise: the later one may leave as much."""
-    assert alone.before is not None
-    old = alone.before.weights
-    variance, correlated_s = alone.before.spread(alone.points(fit.point)[0])
-    alone.before.weigh(variance, correlated_s)
-    alone.now.weigh(variance, correlated_s)
-    times = alone.before.weights / old
-    slopes = fit.slopes * times[:, None]
-    for index, column in alone.before.columns.items():
-        if index not in alone.before.active:
-            slopes[:, index] = column * alone.before.weights
-    return Fit(alone, fit.point, fit.rows * times, slopes, fit.changed)
-
-
-def _shown(alone: Pair, fit: Fit) -> int | None:
-    """The effect that the earlier session asks for most, if it does."""
-    gains: dict[int, float] = {}
-    for index, quantity in enumerate(alone.now.quantities):
-        if quantity.grows and index not in alone.now.active:
-            aim, evidence = fit.expected((index,))
-            if aim[index] > 0.0:
-                gains[index] = evidence - fit.log_evidence
-    best = max(gains, key=lambda index: gains[index], default=None)
-    return best if best is not None and gains[best] > PRESENT_NATS else None
 
 
 def _select(name: str, pair: Pair, start: Fit | None, price: float) -> GroupFound:
@@ -248,18 +184,29 @@ def _tried(
     worth = sorted((i for i in odds if odds[i] > WORTH_REFITTING), key=lambda i: -odds[i])
     # to first order an effect that is not smooth may promise anything: all of them that do are refitted
     smooth = [i for i in worth if not pair.now.quantities[i].grows][:FINALISTS]
+    rough = [i for i in worth if pair.now.quantities[i].grows]
     best = -np.inf
-    for index in (*smooth, *(i for i in worth if pair.now.quantities[i].grows)):
+    for index in (*smooth, *rough, *_same_sag(pair, smooth, set(begun) - set(rough))):
         changed = (*chosen, index)
         begins = [_refitted(origin, changed, index, FIRST_ROUNDS) for origin in begun[index]]
         found = max(begins, key=lambda one: one.log_evidence)
         if found.log_evidence > best - COMPARABLE_NATS:
             found = found.pair.fit(changed, found)
         fits[index], best = found, max(best, found.log_evidence)
-        # against the same model of both sessions without the change, too: what it adds to both is no change
-        gained = found.log_evidence - max(fit.log_evidence, found.expected(chosen)[1])
+        gained = found.log_evidence - fit.log_evidence
+        if gained > 0.0:
+            # against the same model of both sessions without the change, too: what it adds to both is no change
+            none = found.pair.fit(chosen, found, FIRST_ROUNDS)
+            gained = min(gained, found.log_evidence - none.log_evidence)
         posterior[index] = gained + priors[index]
     return fits, posterior
+
+
+def _same_sag(pair: Pair, refitted: Sequence[int], others: set[int]) -> list[int]:
+    """The elastic tendon of each servo whose gain is refitted: but for what its motor does by itself it is the same."""
+    every = pair.now.quantities
+    servos = {every[i].target for i in refitted if every[i].effect == "actuator_gain"}
+    return [i for i in sorted(others) if every[i].effect == "tendon_elasticity" and every[i].target in servos]
 
 
 def _refitted(origin: Fit, changed: tuple[int, ...], index: int, rounds: int) -> Fit:

@@ -56,9 +56,16 @@ class Session:
         """Seconds: sigma of each delay."""
         return [v.prior.sigma for v in self.onsets if v.prior is not None]
 
+    @property
+    def floor_cost(self) -> float:
+        """What a right model leaves of the squared rows as they are weighed at first."""
+        return float(sum(size * len(self.joints) for size in self._sizes) / self._repeated)
+
     def weigh(self, variance: np.ndarray, correlated_s: float) -> None:
         """Takes residuals as noise of a variance (k,) rad^2 that repeats itself over some seconds."""
         found = []
+        period = float(np.median([np.median(np.diff(piece.time_s)) for piece in self.pieces]))
+        self._repeated = max(1.0, correlated_s / period)
         for piece in self.pieces:
             repeated = max(1.0, correlated_s / float(np.median(np.diff(piece.time_s))))
             found.append(np.repeat(1.0 / np.sqrt(variance * repeated)[None], len(piece.time_s), axis=0).ravel())

@@ -42,6 +42,8 @@ FURTHER_SHARE = Threshold(0.1, "1", "of the first change's evidence that another
 MOST_CHANGES = Count(3, "changes", "that are looked for in one group")
 WORTH_REFITTING = Threshold(0.0, "nats", "over no change, to first order: a finalist with less is not refitted")
 PRESENT_NATS = Threshold(8.0, "nats", "of the earlier session's evidence, for an effect to be put into both models")
+PRESENT_SHARE = Threshold(0.8, "1", "of the cost before: what an effect of both models has to leave at most")
+WITHIN = Threshold(1.5, "floors", "that the earlier session may leave: then no effect is looked for in it")
 MOST_PRESENT = Count(2, "effects", "that are put into it")
 
 # -- what is said --------------------------------------------------------------------------------------------
