@@ -126,6 +126,10 @@ class Starts:
         self._said: list[tuple[float, np.ndarray]] = []
         self.looked_at = 0
 
+    def restarted(self) -> None:
+        """A gate that is a new one has not heard what was said before it."""
+        self._said = []
+
     def by_command(self, pose: np.ndarray) -> np.ndarray:
         """(c,) rad of a pose (j,): the sum of each command's joints."""
         return np.array([pose[joints].sum() for joints in self._parts])

@@ -175,6 +175,7 @@ class Stream:
         assert self.gate.turn(self.now_s, self.wall_ns) is None, "sent after a restart"
         self.watch.idle()
         self.watch.restarted()
+        self.starts.restarted()
         self.contact = Contact(self.gate.limits)
         self.held[:] = np.nan  # of what was sent before it this gate knows nothing
         self.heard_s[:] = -np.inf

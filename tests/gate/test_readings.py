@@ -182,6 +182,21 @@ def test_after_a_reading_that_cannot_be_no_setpoint_goes_there(twin: TwinModel) 
     assert all(one is None or one.position[0] > -0.1 for one in sent)
 
 
+def test_what_cannot_be_calls_no_setpoint_back_while_the_hand_lets_go(twin: TwinModel) -> None:
+    """A sensor that has proved itself, and that counts the wrong way from just after a stop on."""
+    rig = LyingRig(twin, [])
+    rig.arm()
+    rig.ask("move", targets={"rh_FFJ3": 0.8, "rh_MFJ3": 0.8}, seconds=0.8)
+    rig.turns(0.6)
+    rig.ask("stop", NOBODY)
+    rig.turns(0.1, beat=False)
+    before = rig.setpoint()
+    rig.faults.append(parse_fault("reversed:rh_FFJ3", load_hand()))
+    rig.turns(1.0, beat=False)
+    assert rig.setpoint() == pytest.approx(before, abs=0.05)
+    assert not rig.status["moving"]
+
+
 def test_a_fault_that_is_none_is_refused(twin: TwinModel) -> None:
     with pytest.raises(BadInput, match="no fault"):
         parse_fault("dad:rh_FFJ3", twin.hand)

@@ -313,7 +313,7 @@ class Gate:
         motion = self._motion
         goal = rest if motion is None else motion.advance(dt_s)
         if self._letting_go is not None:
-            goal = self._letting_go.follow(self._senses.by_command(), now_s)
+            goal = self._letting_go.follow(self._believed(now_s), now_s)
             if self._letting_go.is_done(shaper.position, now_s):
                 self._letting_go = None
                 self._trips.forget()
@@ -374,17 +374,23 @@ class Gate:
         shaper = self._shaper
         given = shaper.given
         rest = np.where(given, shaper.stopping(shaper.position, shaper.velocity), self._sent_row)
-        heard = self._senses.ages_s(now_s) <= self.settings.state_timeout_s
-        measured = np.where(heard & ~self._senses.doubted(now_s), self._senses.by_command(), np.nan)
         low, high = self._path.bounds()
         bounds = np.maximum(low, self.limits.lower), np.minimum(high, self.limits.upper)
-        found = LetGo(rest, measured, self.limits.margin, bounds, now_s)
+        found = LetGo(rest, self._believed(now_s), self.limits.margin, bounds, now_s)
         if not shaper.is_given:
             if not self._is_last or not found.is_needed:
                 return
             shaper.begin(rest)
             self._last_turn_s = None
         self._letting_go = found
+
+    def _believed(self, now_s: float) -> np.ndarray:
+        """(c,) rad where the hand is, NaN where it is not heard or its readings cannot be. Where those of several
+        joints cannot be it is no sensor's fault but the driver's, and none is believed."""
+        heard = self._senses.ages_s(now_s) <= self.settings.state_timeout_s
+        if len(self._senses.doubts(now_s)) > 1:
+            heard = np.zeros_like(heard)
+        return np.where(heard & ~self._senses.doubted(now_s), self._senses.by_command(), np.nan)
 
     def doubt(self, kind: str, why: str, now_s: float) -> None:
         """What is told of the hand may not be the hand's: the lease ends, and nobody arms in the next seconds."""
