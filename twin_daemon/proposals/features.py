@@ -120,7 +120,10 @@ def _even(values: np.ndarray, count: int) -> tuple[float, ...]:
 
 
 def _by_size(values: np.ndarray) -> tuple[float, ...]:
-    """Knots that are dense about 0, where laws of speeds and errors bend, and reach the largest of either sign."""
-    far = float(np.percentile(np.abs(values), 99.5)) or 1.0
-    half = [far * share for share in (0.03, 0.1, 0.25, 0.5, 1.0)]
+    """Knots that are dense about 0, where laws of speeds and errors bend, and reach the largest of either sign.
+
+    The few samples of a step are its fastest: a drag that were flat there would be made up for by damping.
+    """
+    far = float(np.abs(values).max(initial=0.0)) or 1.0
+    half = [far * share for share in (0.02, 0.07, 0.2, 0.5, 1.0)]
     return (*(-x for x in reversed(half)), 0.0, *half)

@@ -16,6 +16,7 @@ from twin_daemon.proposals.features import Feature
 
 _BLUR = 0.03  # of a curve's span: what a piecewise linear curve gets wrong of a smooth one
 _DENSE = 96
+_FASTER = 1.5  # times the largest speed or error that was visited: other motion may be faster
 _WIDER = 0.1  # of the visited range, to either side: a formula knows how it goes on
 
 Shape = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -220,7 +221,7 @@ def dense(feature: Feature) -> tuple[float, ...]:
     """Knots that are close enough for any formula of a feature's variable."""
     low, high = feature.knots[0], feature.knots[-1]
     if feature.over in ("velocity", "error"):
-        half = high * np.geomspace(0.003, 1.0, _DENSE // 2)
+        half = _FASTER * high * np.geomspace(0.002, 1.0, _DENSE // 2)
         return (*(-half[::-1]), 0.0, *half)
     margin = 0.0 if feature.over in ("time", "heat") else _WIDER * (high - low)
     return tuple(np.linspace(low - margin, high + margin, _DENSE))

@@ -262,8 +262,13 @@ _AT = {"torque": "a torque", "command": "a change of what the servo gives", "rea
 
 
 def _native_gain(search: JointSearch, file: EffectFile) -> float | None:
-    """What the plain MJCF with this effect takes away of the held-out error; None where it cannot be built."""
+    """What the plain MJCF with this effect takes away of the held-out error; None where it cannot be built.
+
+    Nor where it depends on a neighbour, which the part that is judged does not have.
+    """
     assert search.reduced is not None
+    if file.neighbour:
+        return None
     small = search.reduced.twin
     place = search.joint if file.port != "command" else small.actuators[search.actuator or 0]
     try:
