@@ -162,3 +162,5 @@ def test_options_that_exclude_each_other_are_refused(model: Path, capsys: pytest
     bags = ["--recording", "a.mcap", "--baseline", "b.mcap"]
     assert main(["diagnose", "--model", str(model), *bags, "--since", "nominal"]) == 2
     assert "--since and --baseline" in capsys.readouterr().err
+    assert main(["diagnose", "--model", str(model), *bags, "--cluster", "tcp://127.0.0.1:1"]) == 2
+    assert "--cluster" in capsys.readouterr().err

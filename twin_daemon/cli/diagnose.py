@@ -83,7 +83,7 @@ def command(
     if since is not None or baseline:
         from twin_daemon.cli import since as changes
 
-        changes.require_one(since, baseline, version, terms)
+        changes.require_one(since, baseline, version, terms, cluster)
         given = {"version": version, "terms": terms, "joint_map": joint_map, "assumed": assumed}
         session, stored = changes.open_since(since, hand, model, **given)
         recorded = session.recordings(recording, trajectory)

@@ -36,12 +36,20 @@ class Earlier:
     note: str | None = None
 
 
-def require_one(since: str | None, baseline: Sequence[Path] | None, version: str | None, terms: Path | None) -> None:
+def require_one(
+    since: str | None,
+    baseline: Sequence[Path] | None,
+    version: str | None,
+    terms: Path | None,
+    cluster: str | None,
+) -> None:
     """Raises UsageError for options that exclude each other."""
     if since is not None and baseline:
         raise UsageError("--since and --baseline exclude each other", todo="Give one of them")
     if since is not None and (version is not None or terms is not None):
         raise UsageError("--since names the version that is started from", todo="Leave --version and --terms away")
+    if cluster is not None:
+        raise UsageError("--cluster: two sessions are compared on this machine only", todo="Leave it away")
 
 
 def version_since(store: VersionStore, reference: str) -> Version:
