@@ -11,12 +11,20 @@ import numpy as np
 import pytest
 
 from tests.diagnosis.conftest import JOINT, called
+from tests.simulation.made import FINGER
+from tests.simulation.made import recorded as moved_finger
 from twin_daemon.diagnosis.conclude import Outcome, conclude
+from twin_daemon.diagnosis.fit import moved_parameters
+from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.estimation.nuisances import beside, factors, nuisance_variables
+from twin_daemon.estimation.partition import Reduction
 from twin_daemon.estimation.posterior import Posterior
 from twin_daemon.estimation.solvers.trust_region import Descent, searched
 from twin_daemon.estimation.variables import ParameterVariable
 from twin_daemon.signals.trajectory import Trajectory, load_trajectory
+from twin_daemon.simulation.alignment import align
+from twin_daemon.simulation.submodel import Part
+from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
 
 
@@ -29,7 +37,7 @@ def test_a_slow_closing_shows_too_little_to_call_a_hand_sound(
         "diagnose", "--recording", fitted, "--holdout", held, "--joints", JOINT, result=tmp_path / "slow.json"
     )
     assert (said["verdict"], said["findings"]) == ("not_excited", [])
-    assert "armature" in said["reason"]
+    assert "viscous_friction" in said["reason"]
     assert "steps" in said["reason"]
     assert JOINT in load_trajectory(said["next_experiment"]["trajectory"], hand).joints
 
@@ -47,6 +55,22 @@ def test_one_part_that_moved_richly_makes_a_hand_sound(twin: TwinModel, parts: t
     outcomes = [Outcome(name, (JOINT,), 0.5, {}, within_floor=True) for name in parts]
     outcomes[0].undetectable = [f"armature:{JOINT}", f"actuator_lag:{JOINT}"]
     assert conclude(twin, (), outcomes, (), False).verdict == verdict
+
+
+def test_a_damping_that_is_off_but_plausible_is_said_with_its_value(twin: TwinModel) -> None:
+    worn = twin.changed(
+        Terms(parameters={f"{JOINT}.damping": 1.4 * twin.parameter(f"{JOINT}.damping").read(twin.model)})
+    )
+    aligned = align(twin, moved_finger(worn, FINGER, np.random.default_rng(2)))
+    reduced = Reduction(twin, [aligned], []).of(twin, Part(JOINT, (JOINT,), ()), (JOINT,))
+    assert reduced is not None
+    found = moved_parameters(PartFit(reduced.twin, reduced.train, (JOINT,)).base)
+    assert [one.parameter for one in found] == [f"{JOINT}.damping"]
+    assert found[0].of_nominal == pytest.approx(1.4, abs=0.08)
+    assert found[0].of_nominal_ci95 is not None
+    assert 1.0 < found[0].of_nominal_ci95[0] < 1.4 < found[0].of_nominal_ci95[1]
+    assert f"{JOINT}.damping is {found[0].of_nominal:.2f} of nominal (" in str(found[0])
+    assert "not beyond what nominal values are known to (12%)" in str(found[0])
 
 
 def test_an_effects_value_counts_from_what_the_model_states(twin: TwinModel) -> None:

@@ -256,7 +256,7 @@ def _show(console: Console, payload: dict[str, Any], found: Diagnosis) -> None:
     for finding in found.findings:
         show_finding(console, finding)
     for moved in found.moved_parameters:
-        console.print(f"{plain_text(moved.parameter)} sits {moved.sigma:+.1f} sigma from the model's value")
+        console.print(plain_text(str(moved)))
     _show_where(console, found)
     _show_tried(console, found)
     for note in found.notes:

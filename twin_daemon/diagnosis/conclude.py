@@ -52,6 +52,8 @@ class Outcome:
     joints: tuple[str, ...]
     chi_square: float
     deviating: dict[str, float]
+    moved: tuple[MovedParameter, ...] = ()
+    """The nominal parameters that came to lie elsewhere, beside what was found."""
     accepted: list[Accepted] = field(default_factory=list)
     tried: list[Trial] = field(default_factory=list)
     left: float = 0.0
@@ -148,9 +150,7 @@ def conclude(
             )
             for o in outcomes
         },
-        moved_parameters=tuple(
-            MovedParameter(parameter=name, sigma=sigma) for o in outcomes for name, sigma in o.deviating.items()
-        ),
+        moved_parameters=tuple(moved for o in outcomes for moved in o.moved),
         interrupted=interrupted,
         notes=tuple(f"{name} was left out: it touches something nearly all the time" for name in touching),
     )

@@ -9,11 +9,20 @@ from functools import cached_property
 import numpy as np
 
 from twin_daemon.diagnosis.candidates import Hypothesis
-from twin_daemon.diagnosis.thresholds import FOUND_LEAST_SHARE, FOUND_SHARE, TORQUE_FLOOR, VALUE_FLOOR
+from twin_daemon.diagnosis.thresholds import (
+    DEVIATING_SIGMA,
+    FOUND_LEAST_SHARE,
+    FOUND_SHARE,
+    SPOKEN_SIGMA,
+    TORQUE_FLOOR,
+    VALUE_FLOOR,
+)
+from twin_daemon.diagnosis.verdict import MovedParameter
 from twin_daemon.estimation.posterior import Posterior
 from twin_daemon.estimation.solvers.trust_region import Descent
+from twin_daemon.estimation.thresholds import BOX_INFORMATION, Z95
 from twin_daemon.estimation.uncertainty import Estimate, estimated, unit_sigmas, widened
-from twin_daemon.estimation.variables import EffectVariable, Prior
+from twin_daemon.estimation.variables import EffectVariable, ParameterVariable, Prior
 
 
 @dataclass(frozen=True)
@@ -190,3 +199,36 @@ def own_estimates(fit: Fit, seen_by: Fit | None = None) -> dict[str, Estimate]:
         interval = value_interval(seen_by or fit, index, variable, sigmas[index])
         found[variable.parameter] = estimated(variable, values[variable.parameter], interval)
     return found
+
+
+def moved_parameters(fit: Fit) -> tuple[MovedParameter, ...]:
+    """The nominal parameters whose interval leaves their own value out, and those that are far off in any case.
+
+    A fit of nuisances ends where it leaves no more than the floor; where they lie is read one Gauss-Newton step on.
+    """
+    problem, inflation = fit.problem, max(1.0, fit.chi_square)
+    slopes, rows = fit.slopes, problem.residuals(fit.point[None])[0]
+    covariance = np.linalg.inv(slopes.T @ slopes / inflation + BOX_INFORMATION * np.eye(len(fit.point)))
+    best = np.clip(fit.point - covariance @ (slopes.T @ rows) / inflation, 0.0, 1.0)
+    deviations = problem.deviations(best)
+    variables = {variable.name: variable for variable in problem.variables if variable.prior is not None}
+    found = []
+    for (name, variable), row in zip(variables.items(), problem.prior_slopes(), strict=True):
+        assert variable.prior is not None
+        sigma, known_to = deviations[name], variable.prior.sigma
+        if isinstance(variable, ParameterVariable) and variable.factor:
+            half = max(Z95 * float(np.sqrt(row @ covariance @ row)), VALUE_FLOOR / known_to)  # in its prior's sigma
+            if abs(sigma) > max(half, SPOKEN_SIGMA):
+                low, middle, high = (float(np.exp(known_to * s)) for s in (sigma - half, sigma, sigma + half))
+                ratio = {"of_nominal": middle, "of_nominal_ci95": (low, high), "known_to": known_to}
+                found.append(MovedParameter(parameter=name, sigma=sigma, **ratio))
+        elif abs(fit.deviations[name]) > DEVIATING_SIGMA and not isinstance(variable, EffectVariable):
+            found.append(MovedParameter(parameter=name, sigma=fit.deviations[name]))
+    return (
+        *found,
+        *(
+            MovedParameter(parameter=name, sigma=sigma)
+            for name, sigma in fit.deviations.items()
+            if name not in variables and abs(sigma) > DEVIATING_SIGMA
+        ),
+    )

@@ -55,6 +55,7 @@ MOVED_SIGMA = Threshold(
 )
 SUSPECT_SIGMA = Threshold(3.0, "sigma", "of a nuisance from its prior: it may stand in for something")
 DEVIATING_SIGMA = Threshold(4.0, "sigma", "of a nuisance from its prior: something moves it")
+SPOKEN_SIGMA = Threshold(2.0, "sigma", "of a nominal parameter, and outside its interval: said with its value")
 FORBIDDEN_SIGMA = Threshold(6.0, "sigma", "of a nuisance: no hand that is called the same; something is missing")
 DECISIVE_NATS = Threshold(5.0, "nats", "between two candidates below which data do not choose (odds of 150 to 1)")
 ALIKE = Threshold(0.1, "1", "of half the best cost: laws this close are not told apart by their form")

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_serializer
 
+from twin_daemon.diagnosis.thresholds import DEVIATING_SIGMA
 from twin_daemon.estimation.estimate import Estimate, Number
 from twin_daemon.simulation.terms import EffectTerm, Terms
 
@@ -114,10 +115,26 @@ class PartSummary(_Said):
 
 
 class MovedParameter(_Said):
-    """A nominal parameter that is further off than its uncertainty, in sigma."""
+    """A nominal parameter that came to lie elsewhere: how many sigma, and its ratio to nominal with an interval.
+
+    `known_to` is what nominal values of its kind are known to, as a share; None where it is no factor.
+    """
 
     parameter: str
     sigma: Number
+    of_nominal: float | None = None
+    of_nominal_ci95: tuple[float, float] | None = None
+    known_to: float | None = None
+
+    def __str__(self) -> str:
+        if self.of_nominal is None or self.of_nominal_ci95 is None or self.known_to is None:
+            return f"{self.parameter} sits {self.sigma:+.1f} sigma from the model's value"
+        low, high = self.of_nominal_ci95
+        beyond = "beyond" if abs(self.sigma) > DEVIATING_SIGMA else "not beyond"
+        return (
+            f"{self.parameter} is {self.of_nominal:.2f} of nominal ({low:.2f} to {high:.2f}): "
+            f"{beyond} what nominal values are known to ({self.known_to:.0%})"
+        )
 
 
 class Probability(_Said):

@@ -55,7 +55,7 @@ def nuisance_variables(twin: TwinModel, recordings: Sequence[Aligned], joints: S
 
 def _link_variables(recordings: Sequence[Aligned], joints: Sequence[str]) -> list[LinkVariable]:
     """Combinations of uncertain link masses, where the recordings carry what these do."""
-    reaction = recordings[0].reaction
+    reaction = recordings[0].reaction if recordings else None
     if reaction is None or reaction.links is None:
         return []
     return [
