@@ -38,7 +38,8 @@ class RefittedLaw:
             unit = "rad" if feature.memory == "play" else "s"
             strong = np.abs(self.curve) > 0.1 * np.abs(self.curve).max(initial=1e-12)
             pairs = zip(self.curve[strong], np.array(feature.knots)[strong], strict=True)
-            elements = [f"{size:.3g} {feature.unit} over {length:g} {unit}" for size, length in pairs]
+            of = "" if feature.unit == "1" else f" {feature.unit}"
+            elements = [f"{size:.3g}{of} over {length:g} {unit}" for size, length in pairs]
             return f"{feature.memory}: {', '.join(elements)}"
         return f"a curve over {SYMBOLS.get(feature.over, feature.over)} without a simple formula"
 
