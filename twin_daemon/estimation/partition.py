@@ -48,6 +48,7 @@ class Reduction:
         self._motions: list[Motion] | None = None
         self._whole: list[Needed] = []
         self._paths: list[LinkPaths] | None = None
+        self._loads: dict[tuple[str, ...], list[LinkLoads]] = {}
         seen = np.concatenate([_poses(twin, r) for r in train])
         known = np.isfinite(seen).any(axis=0)
         # what is left out is welded where it mostly is
@@ -100,24 +101,25 @@ class Reduction:
         other = copy.copy(self)
         if other._motions is None:
             other._smoothed(twin)
-        other._paths = [LinkPaths.along(twin, motion) for motion in other._motions or ()]
+        other._paths, other._loads = [LinkPaths.along(twin, motion) for motion in other._motions or ()], {}
         return other
 
     def _with_links(
         self, twin: TwinModel, cuts: Sequence[Aligned], joints: Sequence[str], small: TwinModel
     ) -> list[Aligned]:
-        share = twin.hand.description.nominal_uncertainty.mass
-        torques = [paths.torques(joints, share) for paths in self._paths or ()]
-        floor = floor_variance(cuts[: len(self._train)], joints)
-        least = np.array([small.scale(joint).kp for joint in joints]) * np.sqrt(floor)
-        chosen = combinations(torques, np.maximum(least, 1e-12))
-        if not chosen.size:
+        if tuple(joints) not in self._loads:  # the same whatever effect the twin gets later
+            share = twin.hand.description.nominal_uncertainty.mass
+            torques = [paths.torques(joints, share) for paths in self._paths or ()]
+            floor = floor_variance(cuts[: len(self._train)], joints)
+            least = np.array([small.scale(joint).kp for joint in joints]) * np.sqrt(floor)
+            chosen = combinations(torques, np.maximum(least, 1e-12))
+            pairs = zip(self._paths or (), torques, strict=True)
+            self._loads[tuple(joints)] = [LinkLoads(p.time_s, tuple(joints), t @ chosen) for p, t in pairs]
+        loads = self._loads[tuple(joints)]
+        if not loads[0].torque.size:
             return list(cuts)
-        found = []
-        for cut, paths, torque in zip(cuts, self._paths or (), torques, strict=True):
-            loads = LinkLoads(paths.time_s, tuple(joints), torque @ chosen)
-            found.append(replace(cut, reaction=replace(cut.reaction or Reaction(None), links=loads)))
-        return found
+        both = zip(cuts, loads, strict=True)
+        return [replace(cut, reaction=replace(cut.reaction or Reaction(None), links=load)) for cut, load in both]
 
     def _smoothed(self, twin: TwinModel) -> Reduction:
         self._motions = [measured_motion(twin, r) for r in (*self._train, *self._holdout)]
