@@ -1,7 +1,11 @@
-"""A browser that is left on the live view: an hour of data through the page, compressed in time."""
+"""A browser that is left on the live view: an hour of data through the page, compressed in time.
+
+With TWIN_LEFT_OPEN=3600000 in the environment it is an hour at 1 kHz, which takes 10 minutes.
+"""
 
 from __future__ import annotations
 
+import os
 import time
 from typing import Any
 
@@ -16,9 +20,9 @@ from twin_daemon.daemon.messages import JointSample
 from twin_daemon.hand import load_hand
 
 START_NS = 1_700_000_000_000_000_000
-STEP_NS = 100_000_000
-HOUR = 36_000  # samples: three times round the ring
-A_SECOND = 3000.0
+HOUR = int(os.environ.get("TWIN_LEFT_OPEN", "36000"))  # samples; so many are three times round the ring
+STEP_NS = 3_600_000_000_000 // HOUR
+A_SECOND = max(3000.0, HOUR / 600.0)
 SHOWN_S = 10.0
 
 
