@@ -34,5 +34,5 @@ def test_its_commands_name_what_is_hidden(twin: Twin, tmp_path: Path) -> None:
     low, high = next(iter(finding["parameters"].values()))["ci95"]
     assert low <= 0.02 <= high
     # the named effect leaves less of what it has not seen than all the parameters together
-    assert read["after"]["mse_rad2"] < 0.3 * read["tuned"]["holdout_after"]["mse_rad2"]
+    assert read["after"]["mse_rad2"] < 0.5 * read["tuned"]["holdout_after"]["mse_rad2"]
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "hand.xml")).nu == 20
