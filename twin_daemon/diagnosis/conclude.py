@@ -96,6 +96,7 @@ def conclude(
     """`shared` are findings of several groups together, after which these are within the floor."""
     findings = [*shared, *(_finding(item, o.unknown) for o in outcomes for item in o.accepted)]
     findings.sort(key=lambda f: -f.evidence_nats)
+    probabilities = combined(_causes(outcomes, shared_posterior), [o.unknown for o in outcomes])
     above = [o for o in outcomes if not o.within_floor]
     unexplained = [o for o in above if o.left > 1.0]
     forced = [(o, *worst) for o in above for worst in forced_nuisances(o)]
@@ -127,7 +128,8 @@ def conclude(
     elif ambiguous:
         verdict = "ambiguous"
         first = ambiguous[0]
-        others = ", ".join(first.confusable_with) or "other laws"
+        rivals = [" and ".join(one.effects) for one in probabilities if first.name not in one.effects]
+        others = ", ".join(first.confusable_with or rivals[:MOST_NAMED]) or "nothing"
         reason = f"{first.effect} at {first.target} cannot be told from {others}"
     elif findings:
         verdict, reason = "explained", "; ".join(f"{f.effect} at {f.target}" for f in findings)
@@ -141,7 +143,7 @@ def conclude(
         verdict=verdict,
         reason=reason,
         findings=tuple(findings),
-        probabilities=combined(_causes(outcomes, shared_posterior), [o.unknown for o in outcomes]),
+        probabilities=probabilities,
         tried=tuple(t for o in outcomes for t in o.tried),
         where=where_it_fails(twin, train),
         parts={
