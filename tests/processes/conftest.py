@@ -76,7 +76,7 @@ def twin(tmp_path: Path) -> Iterator[Twin]:
         yield processes
 
 
-def until(condition: Any, timeout_s: float = 15.0) -> Any:
+def until(condition: Any, timeout_s: float = 60.0) -> Any:
     """The first true value of `condition`."""
     deadline = time.monotonic() + timeout_s
     while time.monotonic() < deadline:

@@ -36,7 +36,7 @@ def test_each_may_do_what_his_role_says(
     description = load_hand().description
     sessions: dict[str, zenoh.Session] = {}
     for name in ("hand", "operator", "viewer"):
-        opened = open_client(twin.endpoint, 20.0, name=name)
+        opened = open_client(twin.endpoint, 60.0, name=name)
         assert opened is not None
         sessions[name] = opened
     stranger = open_client(twin.endpoint, 1.0)
@@ -47,10 +47,10 @@ def test_each_may_do_what_his_role_says(
         for session in sessions.values():
             until(lambda session=session: list(look(session)) == [NS])
             assert look(session)[NS].hand == "shadow_hand"
-        names = tuple(ask(sessions["viewer"], f"twin/{NS}/state", 15.0)["joints"])
+        names = tuple(ask(sessions["viewer"], f"twin/{NS}/state", 60.0)["joints"])
 
         def received() -> int:
-            return ask(sessions["viewer"], f"twin/{NS}/health", 10.0)["joint_states"]["received"]
+            return ask(sessions["viewer"], f"twin/{NS}/health", 60.0)["joint_states"]["received"]
 
         # what the gate has let through is heard by everybody, and said by nobody else
         passed: list[bytes] = []
@@ -101,7 +101,7 @@ def test_a_wrong_password_gets_no_session(
     config.write_text("access: {}\n")
     twin.start("run", "-c", str(config))
     until((state_dir / "keys.json").exists, 20.0)
-    opened = open_client(twin.endpoint, 20.0)
+    opened = open_client(twin.endpoint, 60.0)
     assert opened is not None
     opened.close()
     monkeypatch.setattr("bridges.session.credentials", lambda _name: ("operator", "guessed"))

@@ -60,7 +60,7 @@ def test_a_flood_is_counted_and_stops_neither_loop_nor_gate(twin: Any, followed:
         try:
 
             def flooded() -> bool:
-                health = ask(session, f"twin/{NS}/health", 10.0)
+                health = ask(session, f"twin/{NS}/health", 60.0)
                 return health["joint_states"]["counts"].get("malformed", 0) > 500
 
             until(flooded, 40.0)
@@ -69,7 +69,7 @@ def test_a_flood_is_counted_and_stops_neither_loop_nor_gate(twin: Any, followed:
         finally:
             sent, _ = flood.communicate("", timeout=20.0)
         assert int(sent) > 2000
-        until(lambda: ask(session, f"twin/{NS}/state", 10.0)["status"] == "following", 20.0)
+        until(lambda: ask(session, f"twin/{NS}/state", 60.0)["status"] == "following", 20.0)
         health = ask(session, f"twin/{NS}/health")
         assert health["loop"]["errors"] == 0
         assert health["joint_states"]["counts"]["too_large"] > 0

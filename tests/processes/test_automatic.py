@@ -93,10 +93,10 @@ def test_quiet_hours_hold_for_whoever_asks(twin: Any, tmp_path: Path, state_dir:
     config = tmp_path / "twin.yaml"
     config.write_text(yaml.safe_dump({"gate": SLOW_MACHINE["gate"], "recalibration": ACTIVE | {"quiet": quiet}}))
     twin.start("run", "-c", str(config))
-    session = open_client(twin.endpoint, 20.0)
+    session = open_client(twin.endpoint, 60.0)
     assert session is not None
     with session:
-        assert ask(session, f"twin/{NS}/recalibration", 20.0)["mode"] == "active"
+        assert ask(session, f"twin/{NS}/recalibration", 60.0)["mode"] == "active"
         operator = Commander(session, load_hand().description, load_keyring(state_dir / "keys.json"), "operator")
         refused = operator.ask("recalibrate")
         assert not refused["accepted"]

@@ -68,12 +68,12 @@ def test_each_does_what_his_role_says_and_nobody_else_gets_in(
         opened(guarded.endpoint, "operator") as operator,
         opened(guarded.endpoint, "ann") as ann,
     ):
-        names = tuple(ask(ann, f"twin/{NS}/state", 10.0)["joints"])
+        names = tuple(ask(ann, f"twin/{NS}/state", 60.0)["joints"])
         sample = cdr.encode(JointSample(0, names, np.zeros(24)))
         ann.put(f"{NS}/joint_states", sample)
         operator.put(f"{NS}/joint_states", sample)
         time.sleep(0.3)
-        assert ask(ann, f"twin/{NS}/health", 10.0)["joint_states"]["received"] == 0
+        assert ask(ann, f"twin/{NS}/health", 60.0)["joint_states"]["received"] == 0
         commander = Commander(operator, description, keyring, "operator")
         until(lambda: hand.put(f"{NS}/joint_states", sample) or commander.ask("arm", reason="a test")["accepted"])
         # a viewer who has stolen the operator's key still has the certificate of a viewer

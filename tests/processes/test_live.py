@@ -18,7 +18,7 @@ NS = "shadow_hand"
 
 
 def names_of(session: zenoh.Session) -> tuple[str, ...]:
-    return tuple(ask(session, f"twin/{NS}/state", 15.0)["joints"])
+    return tuple(ask(session, f"twin/{NS}/state", 60.0)["joints"])
 
 
 def test_with_nobody_there_a_question_ends_with_5(twin: Any) -> None:
@@ -67,7 +67,7 @@ def test_hand_first_then_daemon_and_the_reader_before_both(twin: Any) -> None:
 
 def test_what_is_broken_is_counted_and_the_daemon_goes_on(twin: Any, until: Any) -> None:
     daemon = twin.start("run")
-    session = open_client(twin.endpoint, 15.0)
+    session = open_client(twin.endpoint, 60.0)
     assert session is not None
     with session:
         names = names_of(session)

@@ -34,10 +34,10 @@ def test_a_hand_that_wears_gets_a_better_version_also_through_a_restart(
     config = configured(tmp_path, mode="passive", policy="automatic", seconds=4.0, nice=0, cron="0 3 * * mon")
     daemon = twin.start("run", "-c", config)
     twin.start("hand", "--hidden", "viscous_friction:rh_FFJ3=0.4", "--trajectory", "rich_finger", "--spread", "0")
-    session = open_client(twin.endpoint, 20.0)
+    session = open_client(twin.endpoint, 60.0)
     assert session is not None
     with session:
-        told = ask(session, f"twin/{NS}/recalibration", 20.0)
+        told = ask(session, f"twin/{NS}/recalibration", 60.0)
         assert "Monday" in told["words"]
         until(lambda: ask(session, f"twin/{NS}/residual")["joints"]["rh_FFJ3"]["samples"] > 1200, 40.0)
         nobody = Commander(session, load_hand().description)
@@ -54,8 +54,8 @@ def test_a_hand_that_wears_gets_a_better_version_also_through_a_restart(
         assert "error" not in last, last
         assert last["gain"] > 0.5
         assert last["better"], last
-        until(lambda: ask(session, f"twin/{NS}/version", 10.0)["id"] == last["version"], 20.0)
-        kinds = [event["kind"] for event in ask(session, f"twin/{NS}/events", 10.0)["events"]]
+        until(lambda: ask(session, f"twin/{NS}/version", 60.0)["id"] == last["version"], 20.0)
+        kinds = [event["kind"] for event in ask(session, f"twin/{NS}/events", 60.0)["events"]]
         assert kinds.count("recalibration") == 3
     code, out, _ = twin.run("versions", "show", "current", "--json", "-")
     assert code == 0
@@ -82,10 +82,10 @@ def test_a_first_promotion_that_misbehaves_is_rolled_back_to_the_nominal_model(
     bad = stored("bad", 0.02, 1e-6)
     twin.start("run", "-c", configured(tmp_path))
     twin.start("hand", "--trajectory", "hand_closing")
-    session = open_client(twin.endpoint, 20.0)
+    session = open_client(twin.endpoint, 60.0)
     assert session is not None
     with session:
-        until(lambda: ask(session, f"twin/{NS}/residual", 20.0)["joints"]["rh_FFJ3"]["samples"] > 500, 40.0)
+        until(lambda: ask(session, f"twin/{NS}/residual", 60.0)["joints"]["rh_FFJ3"]["samples"] > 500, 40.0)
         received = ask(session, f"twin/{NS}/health")["joint_states"]["received"]
         store.promote(bad)
         until(lambda: ask(session, f"twin/{NS}/version")["id"] == bad, 10.0)

@@ -46,7 +46,7 @@ def live(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Live]:
     with twin:
         daemon, hand = twin.start("run"), twin.start("hand", "--trajectory", "hand_closing")
         with connected(twin) as session:
-            until(lambda: ask(session, f"twin/{NS}/state", 20.0)["status"] == "following")
+            until(lambda: ask(session, f"twin/{NS}/state", 60.0)["status"] == "following")
         yield Live(twin, folder)
         for process in (hand, daemon):
             code, _, err = twin.end(process)
@@ -54,7 +54,7 @@ def live(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Live]:
 
 
 def connected(twin: Twin) -> zenoh.Session:
-    session = open_client(twin.endpoint, 15.0)
+    session = open_client(twin.endpoint, 60.0)
     assert session is not None
     return session
 
@@ -194,7 +194,7 @@ def test_with_nothing_to_keep_and_with_no_room_for_it_nothing_is_written(
     daemon = twin.start("run", "-c", "twin.yaml")
     keep = ["record", "--keep", "--endpoint", twin.endpoint]
     with connected(twin) as session:
-        ask(session, f"twin/{NS}/version", 15.0)
+        ask(session, f"twin/{NS}/version", 60.0)
         assert main(["record", "-o", str(tmp_path / "r.mcap"), "--seconds", "0.5", "--endpoint", twin.endpoint]) == 5
         assert "nothing arrived" in capfd.readouterr().err
         assert main(keep) == 5

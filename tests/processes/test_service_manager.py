@@ -65,7 +65,7 @@ def test_a_loop_that_hangs_starves_the_watchdog(manager: Manager, twin: Any) -> 
     daemon = subprocess.Popen([sys.executable, "-c", HANGING, "run"], env=environment, stderr=subprocess.DEVNULL)
     try:
         manager.hear("WATCHDOG=1")
-        session = open_client(twin.endpoint, 15.0)
+        session = open_client(twin.endpoint, 60.0)
         assert session is not None
         with session:
             session.put(f"{NS}/joint_commands", cdr.encode(JointSample(0, ("rh_FFJ3",), np.zeros(1))))

@@ -34,7 +34,7 @@ def stopped(twin: Any, *arguments: str) -> tuple[int, dict[str, Any], str]:
 
 
 def heard(session: Any) -> bool:
-    return ask(session, f"twin/{NS}/state", 20.0)["fresh_joints"] == 24
+    return ask(session, f"twin/{NS}/state", 60.0)["fresh_joints"] == 24
 
 
 def test_a_stop_says_that_somebody_else_moves_the_hand_on_and_believes_the_gate_alone(
@@ -42,7 +42,7 @@ def test_a_stop_says_that_somebody_else_moves_the_hand_on_and_believes_the_gate_
 ) -> None:
     twin.start("hand", "--trajectory", "rich_hand")
     daemon = twin.start("run")
-    session = open_client(twin.endpoint, 20.0)
+    session = open_client(twin.endpoint, 60.0)
     assert session is not None
     with session:
         until(lambda: heard(session), 20.0)
@@ -110,7 +110,7 @@ def test_a_stop_brings_the_gates_own_motion_to_rest_and_says_so(twin: Any, tmp_p
     config.write_text(yaml.safe_dump({"gate": SLOW_MACHINE}))
     twin.start("run", "-c", str(config))
     twin.start("hand", "--trajectory", "none")
-    session = open_client(twin.endpoint, 20.0)
+    session = open_client(twin.endpoint, 60.0)
     assert session is not None
     with session:
         until(lambda: heard(session), 20.0)
@@ -135,7 +135,7 @@ def test_the_drivers_own_stop_is_called_and_the_hand_rests(twin: Any, tmp_path: 
     description.write_text(yaml.safe_dump(described))
     twin.start("hand", "--hand", str(description), "--trajectory", "rich_hand")
     twin.start("run", "--hand", str(description))
-    session = open_client(twin.endpoint, 20.0)
+    session = open_client(twin.endpoint, 60.0)
     assert session is not None
     with session:
         until(lambda: heard(session), 20.0)
@@ -163,19 +163,19 @@ def test_a_stop_outlives_the_daemon_and_a_run_that_is_due_does_not_move_the_hand
     daemon.send_signal(signal.SIGKILL)
     daemon.communicate()
     twin.start("run", "-c", str(config))
-    session = open_client(twin.endpoint, 20.0)
+    session = open_client(twin.endpoint, 60.0)
     assert session is not None
     with session:
         commander = Commander(session, load_hand().description)
         status = until(lambda: commander.status(20.0), 20.0)
         assert status["mode"] == "stopped"
         assert "smoke" in status["ended"]
-        until(lambda: ask(session, f"twin/{NS}/state", 20.0)["fresh_joints"] == 24, 20.0)
+        until(lambda: ask(session, f"twin/{NS}/state", 60.0)["fresh_joints"] == 24, 20.0)
         time.sleep(16.0)  # a run that is due begins when the hand has been at rest for 10 s
         status = commander.status(20.0)
         assert status["mode"] == "stopped"
         assert status["commands_sent"] == 0
-        assert not ask(session, f"twin/{NS}/recalibration", 20.0)["running"]
+        assert not ask(session, f"twin/{NS}/recalibration", 60.0)["running"]
     code, _, err = twin.run("command", "release")
     assert code == 4
     assert "reason" in err
