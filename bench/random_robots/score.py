@@ -51,7 +51,11 @@ def same(found: dict[str, Any], one: dict[str, Any]) -> bool:
 
 
 def is_cause(effects: list[str], truth: dict[str, Any]) -> bool:
-    """Whether a set of causes, each `effect:place`, is what is hidden; a place counts where a joint has its name."""
+    """Whether a set of causes, each `effect:place`, is what is hidden.
+
+    A place is a joint, or the command of a tendon for the two joints that it moves. A cause of the whole robot is at
+    `robot` or `hand`, or at a place that is all of the robot.
+    """
     hidden, kind = truth["effects"], truth["kind"]
     if kind in ("nothing", "foreign"):
         return list(effects) == ["nothing" if kind == "nothing" else "unknown"]
@@ -62,7 +66,10 @@ def is_cause(effects: list[str], truth: dict[str, Any]) -> bool:
 
 
 def _is_at(place: str, one: dict[str, Any]) -> bool:
-    return one["scope"] == "robot" or any(place == joint or place[:-1] == joint[:-1] for joint in one["joints"])
+    meant = [place, place[:-1] + "1", place[:-1] + "2"] if place.endswith("J0") else [place]
+    if one["scope"] == "robot":
+        return place in ("robot", "hand") or set(one["joints"]) <= set(meant)
+    return any(name in one["joints"] for name in meant)
 
 
 def tied(found: dict[str, Any], said: dict[str, Any], truth: dict[str, Any]) -> bool:

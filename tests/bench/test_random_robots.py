@@ -23,7 +23,7 @@ from bench.random_robots.laws import EVERYWHERE, FOREIGN, LIBRARY, Site
 from bench.random_robots.motions import commands
 from bench.random_robots.plants import Plant, nominal
 from bench.random_robots.robots import Robot, draw_robot
-from bench.random_robots.score import outcome
+from bench.random_robots.score import is_cause, outcome
 from bench.random_robots.strength import response, rms
 from bench.random_robots.ties import ties
 from bench.random_robots.trees import KINDS
@@ -248,3 +248,32 @@ def test_a_short_delay_and_a_short_lag_are_a_tie_and_long_ones_are_none() -> Non
     assert "actuator_lag" in ties(delay, 3.0)
     delay.size = 1.0
     assert "actuator_lag" not in ties(delay, 100.0)
+
+
+@pytest.mark.parametrize(
+    ("causes", "truth", "right"),
+    [
+        (["nothing"], _truth("nothing"), True),
+        (["unknown"], _truth("nothing"), False),
+        (["unknown"], _truth("foreign", _effect("x", "F1J3")), True),
+        (["spring:F1J3"], _truth("single", _effect("spring", "F1J3")), True),
+        (["payload:F1J3"], _truth("single", _effect("spring", "F1J3")), False),
+        (["spring:F1J3"], _truth("single", _effect("spring", "F1J1")), False),
+        (["spring:F1J3"], _truth("single", _effect("spring", "F1J2", "F1J1", "F1J0")), False),
+        (["spring:joint_3"], _truth("single", _effect("spring", "joint_4")), False),
+        (["spring:F1J0"], _truth("single", _effect("spring", "F1J2")), True),
+        (["spring:F1J0"], _truth("single", _effect("spring", "F1J3")), False),
+        (["spring:F2J0"], _truth("single", _effect("spring", "F1J1")), False),
+        (["lag:robot"], _truth("robot", _effect("lag", "lift", "elbow", scope="robot")), True),
+        (["gravity_tilt:hand"], _truth("robot", _effect("gravity_tilt", "lift", "elbow", scope="robot")), True),
+        (["lag:lift"], _truth("robot", _effect("lag", "lift", "elbow", scope="robot")), False),
+        (["lag:lift"], _truth("robot", _effect("lag", "lift", scope="robot")), True),
+        (["lag:F1J0"], _truth("robot", _effect("lag", "F1J2", "F1J1", scope="robot")), True),
+        (["spring:a", "payload:b"], _truth("pair", _effect("payload", "b"), _effect("spring", "a")), True),
+        (["spring:a"], _truth("pair", _effect("payload", "b"), _effect("spring", "a")), False),
+    ],
+)
+def test_a_set_of_causes_is_right_where_each_is_named_at_its_own_place(
+    causes: list[str], truth: dict[str, Any], right: bool
+) -> None:
+    assert is_cause(causes, truth) is right
