@@ -12,7 +12,7 @@ import yaml
 from twin_daemon.cli.app import main
 from twin_daemon.effects import LIBRARY, reload_files
 from twin_daemon.effects.base import Measurement, ReadingCurve
-from twin_daemon.effects.from_files import EffectFile, folder, save_effect_file
+from twin_daemon.effects.from_files import EffectFile, folder, load_effect_file, save_effect_file
 from twin_daemon.simulation.rollout import roll_out
 from twin_daemon.simulation.terms import EffectTerm, Terms
 from twin_daemon.simulation.twin import TwinModel
@@ -87,6 +87,20 @@ def test_an_effect_goes_with_its_file() -> None:
     path.unlink()
     reload_files()
     assert "my_law" not in LIBRARY
+
+
+def test_an_effect_that_stays_is_in_the_library_while_files_are_read_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    save_effect_file(EffectFile.model_validate(PLAIN))
+    reload_files()
+    seen = []
+
+    def watched(path: Path) -> EffectFile:
+        seen.append("my_law" in LIBRARY)
+        return load_effect_file(path)
+
+    monkeypatch.setattr("twin_daemon.effects.discovery.load_effect_file", watched)
+    reload_files()
+    assert seen == [True]
 
 
 def test_a_file_cannot_take_the_name_of_an_effect_of_the_library() -> None:

@@ -118,7 +118,7 @@ def hypotheses(twin: TwinModel, joints: Sequence[str], *, whole_hand: bool) -> l
     targets += ["hand"] if whole_hand else []
     present = {(t.effect, t.target) for t in twin.terms.effects}
     found = []
-    for effect in LIBRARY.values():
+    for effect in tuple(LIBRARY.values()):
         for target in targets:
             if (effect.key, target) in present or not effect.applies(twin.place(target)):
                 continue

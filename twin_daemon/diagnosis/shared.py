@@ -301,7 +301,7 @@ def shared_causes(twin: TwinModel, above: Sequence[tuple[Reduced, PartFit]], gro
     }
     return [
         SharedCause(effect, target)
-        for effect in LIBRARY.values()
+        for effect in tuple(LIBRARY.values())
         if effect.shared
         for target in places[effect.shared]
         if effect.applies(twin.place(target))

@@ -6,6 +6,8 @@ model; each declares its rank.
 
 from __future__ import annotations
 
+from threading import Lock
+
 from twin_daemon.effects.base import Effect
 from twin_daemon.effects.discovery import built_in, from_files, user_effects
 
@@ -22,16 +24,19 @@ LIBRARY: dict[str, Effect] = {
 def reload_files() -> dict[str, str]:
     """Takes the effects that are files of the state folder into the library, and those out that are gone.
 
-    Returns what is wrong with those that cannot be used, by key, each in one line.
+    What stays is in the library all the while, for other threads that look it up. Returns what is wrong with those that
+    cannot be used, by key, each in one line.
     """
-    for key in _FROM_FILES:
-        del LIBRARY[key]
-    _FROM_FILES.clear()
-    usable, broken = from_files(LIBRARY)
-    LIBRARY.update(usable)
-    _FROM_FILES.update(usable)
+    with _RELOADING:
+        usable, broken = from_files(LIBRARY.keys() - _FROM_FILES)
+        LIBRARY.update(usable)
+        for key in _FROM_FILES - usable.keys():
+            del LIBRARY[key]
+        _FROM_FILES.clear()
+        _FROM_FILES.update(usable)
     return broken
 
 
 _FROM_FILES: set[str] = set()
+_RELOADING = Lock()
 reload_files()

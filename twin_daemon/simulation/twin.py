@@ -264,8 +264,7 @@ class TwinModel:
         measurement = Measurement()
         for term in effects:
             _require_known(term.effect)
-        rank = {key: index for index, key in enumerate(list(LIBRARY))}
-        for term in sorted(effects, key=lambda term: (rank[term.effect], term.target)):
+        for term in sorted(effects, key=lambda term: (LIBRARY[term.effect].rank, term.effect, term.target)):
             effect, place = LIBRARY[term.effect], self.place(term.target)
             values = effect.complete(term.values)
             effect.edit(spec, place, values)
