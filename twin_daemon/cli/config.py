@@ -53,12 +53,8 @@ def show(file: File = None, json: Json = None) -> None:
 def docs(output: Output = None) -> None:
     """Every key with its meaning, unit, bounds and default, as a page of Markdown."""
     from twin_daemon.daemon.config_page import page
-    from twin_daemon.files import write_atomically
 
-    if output is None:
-        typer.echo(page(), nl=False)
-    else:
-        write_atomically(output, page().encode())
+    _write(output, page())
 
 
 @app.command("thresholds")
@@ -66,9 +62,21 @@ def thresholds(output: Output = None) -> None:
     """Every number that a fit or a diagnosis decides by, with its unit and its origin, as a page of Markdown."""
     from twin_daemon.changes import thresholds as of_changes
     from twin_daemon.diagnosis.threshold_page import page
+
+    _write(output, page(("Changes since an earlier session", of_changes)))
+
+
+@app.command("cli")
+def cli(output: Output = None) -> None:
+    """Every command with its options, as a page of Markdown."""
+    from twin_daemon.cli.reference_page import page
+
+    _write(output, page())
+
+
+def _write(output: Path | None, text: str) -> None:
     from twin_daemon.files import write_atomically
 
-    text = page(("Changes since an earlier session", of_changes))
     if output is None:
         typer.echo(text, nl=False)
     else:

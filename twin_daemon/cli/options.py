@@ -30,7 +30,7 @@ OptionalRecordings = Annotated[
 ]
 Holdouts = Annotated[
     list[Path] | None,
-    typer.Option("--holdout", metavar="R...", help="Recordings that the fit never sees; the error is judged on them."),
+    typer.Option("--holdout", metavar="R...", help="Validation data: recordings that the fit never sees."),
 ]
 JointMap = Annotated[
     Path | None,

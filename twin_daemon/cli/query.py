@@ -34,7 +34,10 @@ class Question(StrEnum):
 def command(
     question: Annotated[
         Question,
-        typer.Argument(metavar="state|residual|version|health|drift|events|recalibration|model|diagnose|diagnosis"),
+        typer.Argument(
+            metavar="state|residual|version|health|drift|events|recalibration|model|diagnose|diagnosis",
+            help="What to ask. 'diagnose' starts a diagnosis of the last minutes, 'diagnosis' reads it.",
+        ),
     ] = Question.state,
     hand: HandName = None,
     model: Model = None,
