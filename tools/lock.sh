@@ -24,3 +24,4 @@ echo "empy; python_version < '3'" > "$uv/left-out"
 "${compile[@]}" pyproject.toml --extra ros --constraint requirements.lock --override "$uv/left-out" \
     --output-file requirements-ros.lock
 "${compile[@]}" pyproject.toml --extra bench --constraint requirements.lock --output-file requirements-bench.lock
+"${compile[@]}" pyproject.toml --extra docs --constraint requirements.lock --output-file requirements-docs.lock

@@ -6,7 +6,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 locks=(requirements.lock)
 # Once asked for, an extra stays until `make clean`: `make test` must not take it away again.
-for extra in ros bench; do
+for extra in ros bench docs; do
     if [ "${1:-}" = "$extra" ] || [ -e ".venv/with-$extra" ]; then locks+=("requirements-$extra.lock"); fi
 done
 

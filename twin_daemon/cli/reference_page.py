@@ -171,18 +171,17 @@ def _said(command: Any) -> str:
 
 
 def _table(title: str, options: list[_Option]) -> str:
-    rows = "".join(f"| {_code(written)} | {_in_cell(_plain(meaning))} |\n" for written, meaning in options)
+    rows = "".join(f"| {_code(written)} | {_plain(meaning)} |\n" for written, meaning in options)
     return f"| {title} | meaning |\n|---|---|\n{rows}"
 
 
 def _code(text: str) -> str:
-    return f"`{_in_cell(text)}`"
-
-
-def _in_cell(text: str) -> str:
-    return text.replace("|", r"\|")
+    """Code in a cell of a table: with a bar in it, GitHub and Python-Markdown read backticks differently."""
+    if "|" not in text:
+        return f"`{text}`"
+    return f"<code>{html.escape(text, quote=False).replace('|', '&#124;')}</code>"
 
 
 def _plain(text: str) -> str:
     """Help as Markdown: what would be taken for a tag or a link is text."""
-    return html.escape(text, quote=False).replace("[", "\\[")
+    return html.escape(text, quote=False).replace("[", "\\[").replace("|", "&#124;")
