@@ -12,7 +12,9 @@ command against what the hand has said, and the setpoints after a trip against t
 from __future__ import annotations
 
 import argparse
+import functools
 import multiprocessing
+import sys
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -33,6 +35,7 @@ from twin_daemon.simulation.twin import TwinModel
 
 PEOPLE = (Who("ann", "operator"), Who("bob", "operator"), Who("eve", "viewer"), NOBODY, None)
 _EPS = 1e-9
+_AT_ONCE = 10  # streams of one job
 
 
 class Watch:
@@ -348,37 +351,51 @@ def _made(verb: str, common: dict[str, Any], **body: Any) -> Request:
     return KINDS[verb].model_validate({**common, **body})
 
 
-def _many(job: tuple[int, int, int]) -> Counter[str]:
+def _many(job: tuple[int, int, int]) -> tuple[int, Counter[str], list[str]]:
+    """Streams from the first on: how many were lived, what the gate answered, and which of them were unsafe."""
     first, count, commands = job
-    twin = TwinModel.load(load_hand())
+    twin = _twin()
     total: Counter[str] = Counter()
+    unsafe: list[str] = []
     for seed in range(first, first + count):
+        stream = Stream(twin, seed)
         try:
-            total += Stream(twin, seed).run(commands)
+            total += stream.run(commands)
         except AssertionError as error:
-            raise AssertionError(f"stream {seed}: {error}") from error
-    return total
+            total["sent"] += stream.watch.sent
+            unsafe.append(f"stream {seed} ({stream.fault.kind} {stream.fault.command}): {error}")
+    return count, total, unsafe
+
+
+@functools.cache
+def _twin() -> TwinModel:
+    return TwinModel.load(load_hand())
 
 
 def main() -> None:
-    """Runs the streams on several processes and says what the gate answered."""
+    """Runs the streams on several processes and says what the gate answered; exit code 1 if any was unsafe."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--commands", type=int, default=1_000_000, help="in all")
     parser.add_argument("--length", type=int, default=200, help="commands of one stream")
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--seed", type=int, default=0, help="of the first stream")
+    parser.add_argument("--seed", type=int, default=0, help="of the first stream; alone with --commands as --length")
+    parser.add_argument("--minutes", type=float, default=np.inf, help="begin no more streams after that")
     arguments = parser.parse_args()
     streams = -(-arguments.commands // arguments.length)
-    jobs = [(arguments.seed + at, min(50, streams - at), arguments.length) for at in range(0, streams, 50)]
-    began, total = time.perf_counter(), Counter[str]()
+    jobs = [(arguments.seed + at, min(_AT_ONCE, streams - at), arguments.length) for at in range(0, streams, _AT_ONCE)]
+    began, lived, total, unsafe = time.perf_counter(), 0, Counter[str](), list[str]()
     with multiprocessing.get_context("forkserver").Pool(arguments.workers) as pool:
-        for number, counted in enumerate(pool.imap_unordered(_many, jobs), start=1):
-            total += counted
-            print(f"\r{number * 50 * arguments.length} commands", end="", flush=True)
-    print(f"\r{streams} streams, {streams * arguments.length} commands, {total.pop('sent')} sent, none unsafe")
+        for count, counted, found in pool.imap_unordered(_many, jobs):
+            lived, total, unsafe = lived + count, total + counted, unsafe + found
+            print("".join(f"\r{one}\n" for one in found) + f"\r{lived * arguments.length} commands", end="", flush=True)
+            if time.perf_counter() - began > arguments.minutes * 60.0:
+                break
+    seconds, sent = time.perf_counter() - began, total.pop("sent")
+    print(f"\r{lived} streams, {lived * arguments.length} commands, {sent} sent, {len(unsafe) or 'none'} unsafe")
     for kind, number in total.most_common():
         print(f"  {kind:12s} {number}")
-    print(f"{time.perf_counter() - began:.0f} s")
+    print(f"{seconds:.0f} s")
+    sys.exit(1 if unsafe else 0)
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ from tests.gate.conftest import Rig
 from tests.gate.test_contact import PlantRig
 from twin_daemon.errors import BadInput
 from twin_daemon.gate.identity import NOBODY
+from twin_daemon.gate.preview import Preview
 from twin_daemon.gate.sendable import Sendable
 from twin_daemon.hand import load_hand
 from twin_daemon.plant import Faulty, parse_fault
@@ -194,6 +195,41 @@ def test_what_cannot_be_calls_no_setpoint_back_while_the_hand_lets_go(twin: Twin
     rig.faults.append(parse_fault("reversed:rh_FFJ3", load_hand()))
     rig.turns(1.0, beat=False)
     assert rig.setpoint() == pytest.approx(before, abs=0.05)
+    assert not rig.status["moving"]
+
+
+class DeadRig(Rig):
+    """A hand that goes where it is sent; some of its sensors tell for ever what they told when they died."""
+
+    dead: dict[str, float] | None = None
+
+    def hear(self) -> None:
+        reading = self.pose.copy()
+        for name, told in (self.dead or {}).items():
+            reading[self.joints.index(name)] = told
+        self.gate.measured(reading, np.full(len(self.joints), self.now_s))
+
+
+def test_what_a_dead_sensor_calls_back_stays_clear_of_a_neighbour_that_has_moved_meanwhile(twin: TwinModel) -> None:
+    """Where the middle finger was when its sensor died the ring finger is now; the index finger's way is free."""
+    rig = DeadRig(twin)
+    rig.arm()
+    fingers = ("rh_FFJ3", "rh_MFJ3")
+    for targets in (dict.fromkeys(fingers, 0.09), dict.fromkeys(fingers, 0.14), {"rh_RFJ4": 0.1}):
+        assert rig.ask("move", targets=targets, seconds=0.3)["accepted"]
+        rig.turns(0.6)
+        rig.dead = rig.dead or {name: float(rig.pose[rig.joints.index(name)]) for name in fingers}
+    assert rig.status["ended"] == "done"
+    rig.ask("stop", NOBODY)
+    sent = rig.turns(1.0, beat=False)
+    preview = Preview(twin, 0.001)
+    for one in sent:
+        targets = np.array([dict(zip(one.names, one.position, strict=True)).get(c, np.nan) for c in twin.hand.commands])
+        assert preview.along(rig.pose, targets[None], now=np.zeros(len(targets))) is None
+    index, middle, _ = sent[-1].position
+    assert index == pytest.approx(0.10, abs=0.002)
+    assert index + 0.01 < middle < 0.13
+    assert f"rh_MFJ3 stays {middle - 0.1:.2f} rad away" in rig.status["ended"]
     assert not rig.status["moving"]
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from twin_daemon.errors import BadInput
 from twin_daemon.gate import told
-from twin_daemon.gate.ahead import in_the_way
+from twin_daemon.gate.ahead import in_the_way, way_back
 from twin_daemon.gate.checks import (
     ALLOWED,
     BEGUN,
@@ -312,12 +312,17 @@ class Gate:
         shaper, rest = self._shaper, np.full(len(self.limits.names), np.nan)
         motion = self._motion
         goal = rest if motion is None else motion.advance(dt_s)
-        if self._letting_go is not None:
+        if self._letting_go is None:
+            position, velocity = shaper.toward(goal, dt_s)
+        else:
             goal = self._letting_go.follow(self._believed(now_s), now_s)
-            if self._letting_go.is_done(shaper.position, now_s):
+            pose, now = self._senses.pose, self._start()
+            position, velocity, short = way_back(self._ahead, shaper, pose, now, goal, dt_s)
+            if self._letting_go.is_done(shaper.position, now_s, short):
+                if self._ended and short.any():
+                    self._ended += told.not_back(self.limits.names, self._letting_go.left(shaper.position))
                 self._letting_go = None
                 self._trips.forget()
-        position, velocity = shaper.toward(goal, dt_s)
         if motion is not None and velocity.any():
             now = self._start()
             then = np.where(shaper.given, shaper.stopping(position, velocity), now)

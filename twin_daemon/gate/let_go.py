@@ -73,8 +73,14 @@ class LetGo:
             self.goal = np.where(self._way * (farther - self.goal) > 0.0, farther, self.goal)
         return self.goal
 
-    def is_done(self, setpoint: np.ndarray, now_s: float) -> bool:
-        return now_s >= self._until_s and not (np.abs(setpoint - self.goal) > _THERE_RAD).any()
+    def is_done(self, setpoint: np.ndarray, now_s: float, short: np.ndarray) -> bool:
+        """Whether all are there but those (c,) bool whose way is not free."""
+        return now_s >= self._until_s and not ((np.abs(setpoint - self.goal) > _THERE_RAD) & ~short).any()
+
+    def left(self, setpoint: np.ndarray) -> np.ndarray:
+        """(c,) rad: how far the setpoints are from their goals; 0 where they are there."""
+        away = np.nan_to_num(np.abs(setpoint - self.goal))
+        return np.where(away > _THERE_RAD, away, 0.0)
 
     def _near(self, rest: np.ndarray, measured: np.ndarray) -> np.ndarray:
         near = measured + np.minimum(np.maximum(rest - measured, -self._margin), self._margin)

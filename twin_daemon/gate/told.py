@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import Any
 
+import numpy as np
+
 from twin_daemon.gate.checks import Asked, Refusal
 from twin_daemon.hand import Hand
 
@@ -53,3 +55,9 @@ def warnings(hand: Hand, limited: Collection[str], heard: Collection[str]) -> li
     if silent:
         found.append(f"the hand tells no effort of {', '.join(silent)}: the limit set for it cannot trip")
     return found
+
+
+def not_back(names: tuple[str, ...], left_rad: np.ndarray) -> str:
+    """What is told of commands that have not gone back all the way, with what is left of it (c,), rad."""
+    which = [f"{name} stays {left:.2f} rad" for name, left in zip(names, left_rad.tolist(), strict=True) if left > 0.0]
+    return f"; {', '.join(which)} away from where the hand is measured: it would overlap itself there"
