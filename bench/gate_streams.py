@@ -227,7 +227,7 @@ class Stream:
     def _beyond(self) -> dict[str, float]:
         pressed = self.fault.command
         column = self.names.index(pressed)
-        return {pressed: min(float(self.gate._start()[column]) + 0.2, float(self.gate.limits.upper[column]))}
+        return {pressed: min(float(self.gate.start()[column]) + 0.2, float(self.gate.limits.upper[column]))}
 
     def _turn(self) -> None:
         rng = self.rng
@@ -251,14 +251,14 @@ class Stream:
         if idle:
             self.watch.idle()
             self.contact.sent(self.watch.row)
-        start, before = self.gate._start(), self.watch.row
+        start, before = self.gate.start(), self.watch.row
         if self.gate._last_turn_s is None:  # it lets go of what it held before: a first turn is as long as any
             since_s = self.dt_s
         sent = self.gate.turn(self.now_s, self.wall_ns)
         if idle:
             assert sent is None, "sent without being armed"
             return
-        hand = self.starts.by_command(self.pose) if self.gate._letting_go is not None else None
+        hand = self.starts.by_command(self.pose) if self.gate.letting_go else None
         self.watch.turn(sent, since_s, start, self.said, look=rng.random() < 0.1, hand=hand)
         row = self.watch.row
         self.contact.sent(row)
@@ -330,7 +330,7 @@ class Stream:
     def _targets(self) -> dict[str, float]:
         rng = self.rng
         names = [str(name) for name in rng.choice(self.names, size=int(rng.integers(1, 6)), replace=False)]
-        start = dict(zip(self.names, self.gate._start().tolist(), strict=True))
+        start = dict(zip(self.names, self.gate.start().tolist(), strict=True))
         if self.fault.wall is not None and rng.random() < 0.7:
             return self._beyond()
         size = float(rng.choice([0.02, 0.2, 0.6]))

@@ -18,7 +18,7 @@ from bridges.guard import Guard
 from bridges.outlet import Outlet
 from bridges.register import Register
 from bridges.sources import Sources
-from twin_daemon.gate.checks import NOTHING_SENT
+from twin_daemon.gate.asked import NOTHING_SENT
 from twin_daemon.gate.gate import Gate
 from twin_daemon.gate.identity import Keyring, Proof, Who
 from twin_daemon.gate.requests import KINDS, BadRequest, read_request

@@ -155,8 +155,8 @@ def without(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
 
     def take_out(name: str) -> None:
         left = lambda listed: tuple(check for check in listed if check.__name__ != name)  # noqa: E731
-        for table in ("IDENTITY", "BEGUN"):
-            monkeypatch.setattr(f"twin_daemon.gate.gate.{table}", left(getattr(checks, table)))
+        for user, table in (("authority", "IDENTITY"), ("gate", "BEGUN")):
+            monkeypatch.setattr(f"twin_daemon.gate.{user}.{table}", left(getattr(checks, table)))
         for table in ("ALLOWED", "MOTION"):
             kept = {verb: left(listed) for verb, listed in getattr(checks, table).items()}
             monkeypatch.setattr(f"twin_daemon.gate.gate.{table}", kept)

@@ -223,7 +223,7 @@ def test_only_the_gate_makes_a_command_sendable() -> None:
         or (isinstance(node, ast.alias) and node.name in ("make_sendable", "_SEAL"))
         or (isinstance(node, ast.Attribute) and node.attr in ("make_sendable", "_SEAL"))
     }
-    assert users == {"twin_daemon/gate/sendable.py", "twin_daemon/gate/gate.py"}
+    assert users == {"twin_daemon/gate/sendable.py", "twin_daemon/gate/outlet.py"}
 
 
 def test_commanders_do_not_interleave(rig: Rig) -> None:

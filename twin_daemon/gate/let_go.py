@@ -77,10 +77,13 @@ class LetGo:
         """Whether all are there but those (c,) bool whose way is not free."""
         return now_s >= self._until_s and not ((np.abs(setpoint - self.goal) > _THERE_RAD) & ~short).any()
 
-    def left(self, setpoint: np.ndarray) -> np.ndarray:
-        """(c,) rad: how far the setpoints are from their goals; 0 where they are there."""
-        away = np.nan_to_num(np.abs(setpoint - self.goal))
-        return np.where(away > _THERE_RAD, away, 0.0)
+    def not_back(self, names: tuple[str, ...], setpoint: np.ndarray) -> str | None:
+        """What is told of those that are not there."""
+        away = np.abs(setpoint - self.goal).tolist()
+        which = [f"{name} stays {one:.2f} rad" for name, one in zip(names, away, strict=True) if one > _THERE_RAD]
+        if not which:
+            return None
+        return f"{', '.join(which)} away from where the hand is measured: it would overlap itself there"
 
     def _near(self, rest: np.ndarray, measured: np.ndarray) -> np.ndarray:
         near = measured + np.minimum(np.maximum(rest - measured, -self._margin), self._margin)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from twin_daemon.errors import BadInput
-from twin_daemon.gate.checks import Asked
+from twin_daemon.gate.asked import Asked
 from twin_daemon.gate.limits import Limits
 from twin_daemon.gate.motion import Motion, along, commands_of, smooth_move, to_target
 from twin_daemon.gate.preview import RESOLUTION_RAD, Collision, Preview

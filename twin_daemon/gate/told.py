@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from twin_daemon.gate.checks import Asked, Refusal
+from twin_daemon.gate.asked import Asked, Refusal
 from twin_daemon.hand import Hand
+
+_STREAM_S = 1.0  # targets closer than this are one stream
 
 
 def reply(asked: Asked, refusal: Refusal | None) -> dict[str, Any]:
@@ -57,7 +59,17 @@ def warnings(hand: Hand, limited: Collection[str], heard: Collection[str]) -> li
     return found
 
 
-def not_back(names: tuple[str, ...], left_rad: np.ndarray) -> str:
-    """What is told of commands that have not gone back all the way, with what is left of it (c,), rad."""
-    which = [f"{name} stays {left:.2f} rad" for name, left in zip(names, left_rad.tolist(), strict=True) if left > 0.0]
-    return f"; {', '.join(which)} away from where the hand is measured: it would overlap itself there"
+class Stream:
+    """Targets that follow each other closely: of these the first is told of."""
+
+    def __init__(self) -> None:
+        self._last_s = -np.inf
+
+    def goes_on(self, asked: Asked, refusal: Refusal | None, now_s: float) -> bool:
+        """Whether this request is a further one of a stream, or a mere sign of life."""
+        if asked.verb == "beat" and refusal is None:
+            return True
+        if asked.verb != "target" or refusal is not None:
+            return False
+        last_s, self._last_s = self._last_s, now_s
+        return now_s - last_s < _STREAM_S
