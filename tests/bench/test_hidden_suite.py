@@ -109,6 +109,7 @@ def _recorded(folder: Path, law: type[Law] | None) -> tuple[Path, Path, Path]:
     return folder / "robot.xml", paths[0], paths[1]
 
 
+@pytest.mark.slow
 def test_the_plain_baseline_names_an_offset_and_leaves_a_sound_robot_alone(tmp_path: Path) -> None:
     sound, off = tmp_path / "sound", tmp_path / "off"
     sound.mkdir()

@@ -81,7 +81,7 @@ def since(model: Path) -> Callable[..., dict[str, Any]]:
 @pytest.mark.parametrize(
     ("kind", "factor", "effect"),
     [
-        ("damping", 1.3, "viscous_friction"),
+        pytest.param("damping", 1.3, "viscous_friction", marks=pytest.mark.slow),
         ("frictionloss", 1.6, "coulomb_friction"),
     ],
 )

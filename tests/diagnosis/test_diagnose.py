@@ -24,7 +24,6 @@ def named(misread: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) 
     return called("diagnose", "--recording", fitted, "--holdout", held, result=result)
 
 
-@pytest.mark.slow
 def test_the_hidden_effect_is_named_and_its_value_found(named: dict[str, Any]) -> None:
     assert named["verdict"] == "explained"
     first = named["findings"][0]
@@ -35,7 +34,6 @@ def test_the_hidden_effect_is_named_and_its_value_found(named: dict[str, Any]) -
     assert factor["value"] == pytest.approx(FACTOR, rel=0.01)
 
 
-@pytest.mark.slow
 def test_a_finding_brings_its_evidence(named: dict[str, Any]) -> None:
     first = named["findings"][0]
     assert first["evidence"] > 100
@@ -46,14 +44,12 @@ def test_a_finding_brings_its_evidence(named: dict[str, Any]) -> None:
     assert LIBRARY["sensor_gain"].story.cause in first["explanation"]
 
 
-@pytest.mark.slow
 def test_every_candidate_that_lost_says_why(named: dict[str, Any]) -> None:
     assert len(named["tried"]) > 10
     assert {trial["effect"] for trial in named["tried"]} <= set(LIBRARY)
     assert all(trial["lost_because"] for trial in named["tried"])
 
 
-@pytest.mark.slow
 def test_it_says_where_the_model_fails(named: dict[str, Any]) -> None:
     assert named["where"][0]["joint"] == JOINT
     assert {"condition", "rmse_rad", "bias_rad", "seconds"} <= named["where"][0].keys()
@@ -69,7 +65,6 @@ def test_it_says_where_the_model_fails(named: dict[str, Any]) -> None:
     } <= named.keys()
 
 
-@pytest.mark.slow
 def test_an_effect_that_is_fitted_anew_comes_to_the_same_values(named: dict[str, Any], tmp_path: Path) -> None:
     """The same recordings and the same fit: not two intervals of one parameter that exclude each other."""
     first = named["findings"][0]
@@ -82,7 +77,6 @@ def test_an_effect_that_is_fitted_anew_comes_to_the_same_values(named: dict[str,
         assert anew["ci95"][0] <= said["value"] <= anew["ci95"][1]
 
 
-@pytest.mark.slow
 def test_a_finding_is_taken_over_with_its_figures(
     named: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

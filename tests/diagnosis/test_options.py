@@ -27,6 +27,7 @@ def test_time_that_is_over_is_said_with_what_is_known(misread: tuple[Path, Path]
     assert JOINT in said["reason"]
 
 
+@pytest.mark.slow
 def test_what_an_exact_model_cannot_be_off_is_an_effect(sound: Path, tmp_path: Path) -> None:
     """The plant's friction and gain are up to 20 % off: noise beside a data sheet, beside an exact model not."""
     arguments = ["diagnose", "--recording", str(sound), "--joints", JOINT]

@@ -70,6 +70,7 @@ def test_one_value_is_fitted_for_all_servos(late: tuple[str, str], tmp_path: Pat
     assert added["holdout_after"]["mse_rad2"] < 0.05 * added["holdout_before"]["mse_rad2"]
 
 
+@pytest.mark.slow
 def test_a_cause_of_all_servos_is_the_first_step_of_the_ladder(late: tuple[str, str], tmp_path: Path) -> None:
     model, bag = late
     ladder = called("ladder", "--model", model, "--recording", bag, "--max-steps", "1", result=tmp_path / "l.json")

@@ -51,6 +51,7 @@ def test_each_has_a_problem_of_its_own(twin: TwinModel, aligned: Aligned, clear:
     assert sum(sub.weight for sub in found) == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_the_worn_one_is_found_beside_the_contact(twin: TwinModel, worn: TwinModel, aligned: Aligned) -> None:
     found = calibrate(twin, [aligned], [], load_space("wear"), "bayes-descent", seconds=10.0, clear=True)
     planted = worn.parameter("rh_FFJ3.damping").read(worn.model)

@@ -82,6 +82,7 @@ def test_neutral_values_change_nothing(hand: Hand, nominal: Run, finger: str) ->
     assert np.abs(moved(hand, *texts).position - nominal.position).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_severe_effects_stay_stable_and_show_more(hand: Hand, nominal: Run) -> None:
     for group in groups():
         texts = [place(key, finger) + "=severe" for finger, key in group.items()]

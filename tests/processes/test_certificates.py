@@ -58,7 +58,6 @@ def opened(endpoint: str, name: str) -> zenoh.Session:
     return session
 
 
-@pytest.mark.slow
 def test_each_does_what_his_role_says_and_nobody_else_gets_in(
     guarded: Any, state_dir: Path, until: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

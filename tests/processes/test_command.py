@@ -179,7 +179,6 @@ def _grows(scene: Scene, count: int) -> bool:
     return len(scene.sent) > count
 
 
-@pytest.mark.slow
 def test_a_calibration_run_drives_records_and_stores(scene: Scene, until: Any) -> None:
     until(lambda: scene.heard(), 20.0)
     code, out, err = scene.twin.run(

@@ -81,7 +81,6 @@ def test_all_that_is_documented_is_run_here(tmp_path: Path) -> None:
             assert all(key in one for one in run), page
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", ACCESS)
 def test_states_arrive_and_commands_reach_the_hand(
     kind: str, twin: Any, tmp_path: Path, state_dir: Path, until: Any

@@ -62,6 +62,7 @@ def test_a_hand_that_wears_gets_a_better_version_also_through_a_restart(
     assert json.loads(out)["kind"] == "recalibrated"
 
 
+@pytest.mark.slow
 def test_a_first_promotion_that_misbehaves_is_rolled_back_to_the_nominal_model(
     twin: Any, tmp_path: Path, until: Any
 ) -> None:

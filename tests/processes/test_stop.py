@@ -10,7 +10,6 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-import pytest
 import yaml
 import zenoh
 
@@ -146,7 +145,6 @@ def test_the_drivers_own_stop_is_called_and_the_hand_rests(twin: Any, tmp_path: 
         assert report["driver_stop"] == {"what": "key driver/halt", "done": True, "why": None}
 
 
-@pytest.mark.slow
 def test_a_stop_outlives_the_daemon_and_a_run_that_is_due_does_not_move_the_hand(
     twin: Any, tmp_path: Path, state_dir: Path, until: Any
 ) -> None:

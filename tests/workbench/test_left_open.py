@@ -10,6 +10,7 @@ import time
 from typing import Any
 
 import numpy as np
+import pytest
 import zenoh
 
 from bridges import cdr
@@ -34,6 +35,7 @@ def used(tab: Tab) -> tuple[float, float, int]:
     return heap, elements, int(tab.run("document.documentElement.dataset.points"))
 
 
+@pytest.mark.slow
 def test_an_hour_leaves_the_page_as_it_was(workbench: Any, processes: Twin, browser: Browser) -> None:
     description = load_hand().description
     names = tuple(description.joints)
