@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from twin_daemon import api
+from twin_daemon.api import reference_page as of_api
+from twin_daemon.cli import reference_page as of_commands
 from twin_daemon.cli.app import COMMANDS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -30,3 +34,22 @@ def test_the_tests_that_a_page_names_exist(page: str) -> None:
     for path, name in re.findall(r"`(tests/[\w/]+\.py)(?:::(\w+))?`", text):
         assert (ROOT / path).is_file(), path
         assert not name or f"def {name}(" in (ROOT / path).read_text(encoding="utf-8"), f"{path}::{name}"
+
+
+@pytest.mark.parametrize(
+    ("name", "made", "command"),
+    [
+        ("cli.md", of_commands.page, "twin config cli -o docs/cli.md"),
+        ("api.md", of_api.page, "python -m twin_daemon.api.reference_page docs/api.md"),
+    ],
+)
+def test_a_reference_is_what_the_code_has(name: str, made: Callable[[], str], command: str) -> None:
+    stored = (ROOT / "docs" / name).read_text(encoding="utf-8")
+    assert stored == made(), f"'{command}' makes the page anew"
+
+
+def test_the_reference_explains_all_of_the_api() -> None:
+    text = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    for name in api.__all__:
+        heading = f"### `{name}`" if isinstance(getattr(api, name), type) else f"### `td.{name}`"
+        assert heading in text or name == "Result", name

@@ -17,7 +17,12 @@ from twin_daemon.errors import UsageError
 
 
 def compare(recording: Recordings, *, version: str | None = None, terms: Text | None = None) -> Comparison:
-    """The twin against measurements, as `twin compare`: the version in use, another one, or terms from a file."""
+    """How far the twin is from measurements, joint by joint, as `twin compare`.
+
+    `recording`: one or several of the same robot. `version`: an id, the start of one, or a name; default the
+    version in use. `terms`: a file of parameters and effects instead. Raises BadInput for a recording, version or
+    file that cannot be used, UsageError for no recording or recordings of different robots.
+    """
     recordings, robot = of(recording)
     session = opened(robot, version, terms, recordings)
     aligned = session.recordings(paths(recordings), trajectory_of(recordings))
@@ -30,7 +35,11 @@ def compare(recording: Recordings, *, version: str | None = None, terms: Text | 
 def check(
     recording: Recordings, *, space: str = "physical", version: str | None = None, terms: Text | None = None
 ) -> Check:
-    """What recordings can tell of the parameters of a space, before anyone fits, as `twin check`."""
+    """What recordings can tell of parameters, before any fit, as `twin check`.
+
+    `space`: which parameters: a name ("physical", "inertial", "thumb", ...) or a YAML file. `version`, `terms`
+    and errors are as for `compare`.
+    """
     recordings, robot = of(recording)
     session = opened(robot, version, terms, recordings)
     return Check.made_of(checked(session, session.recordings(paths(recordings), trajectory_of(recordings)), space))
@@ -47,9 +56,12 @@ def calibrate(
     version: str | None = None,
     terms: Text | None = None,
 ) -> Calibration:
-    """Fits the parameters of a space and stores a version, as `twin calibrate`; `budget` is in roll-outs.
+    """Fits parameters to recordings and stores the result as a version, as `twin calibrate`.
 
-    Without `holdout` every third stretch of the recordings is held out. Progress is on standard error.
+    `holdout`: validation data; without it every third stretch of the recordings is held out. `space`: which
+    parameters may move, a name or a YAML file. `search`: "least-squares", "bayes", "random" or "pso". `budget`:
+    the largest number of roll-outs. The same `seed` gives the same result. Progress is on standard error.
+    `version`, `terms` and errors are as for `compare`.
     """
     recordings, robot = of(recording)
     held = as_list(holdout)
@@ -72,11 +84,14 @@ def add(
     version: str | None = None,
     terms: Text | None = None,
 ) -> Addition:
-    """Puts an effect into the twin and stores a version, as `twin add`.
+    """Puts an effect into the twin and stores the result as a version, as `twin add`.
 
-    With recordings what `values` does not give is fitted. With `finding` the diagnosis's finding of that `rank`, from
-    1, is taken over as it is, and nothing is fitted. `joints` may be "robot" for all servos alike, "hand" for effects
-    of the whole. `robot` says of which robot where there is no recording. Raises BadInput where the effect cannot act.
+    `effect`: a key of the library (`twin effects`). `joints`: where it acts; "robot" for all servos alike, "hand"
+    for effects of the whole hand. `values`: the effect's parameters, each in its own unit. With a `recording`
+    those that `values` does not give are fitted, with `holdout` as validation data; without one they take typical
+    values. `finding` takes the finding of that `rank`, from 1, of a diagnosis over as it is, and nothing is
+    fitted. `robot` says of which robot where there is no recording. Raises BadInput where the effect cannot act,
+    UsageError for nothing to add.
     """
     recordings, held = as_list(recording), as_list(holdout)
     if recordings:

@@ -21,11 +21,14 @@ Text = str | PathLike[str]
 
 @dataclass(frozen=True)
 class Robot:
-    """A hand or any other robot. `name` and `model` are what `--hand` and `--model` would be given."""
+    """A hand or any other robot."""
 
     description: Hand
+    """Joints, commands and limits, and how they fit the model."""
     name: str | None = None
+    """What `--hand` would be given."""
     model: Path | None = None
+    """What `--model` would be given."""
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -40,15 +43,16 @@ class Robot:
 
 @dataclass(frozen=True)
 class Recording:
-    """A recording of a robot: a bag, an MCAP, a CSV or a folder of these. Read when something of it is asked for.
-
-    `trajectory` ("FILE.yaml:NAME") stands in for commands that were not recorded, `joint_map` renames its joints.
-    """
+    """A recording of a robot: a bag, an MCAP, a CSV or a folder of these. Read when something of it is asked for."""
 
     path: Path
+    """Where it is."""
     robot: Robot
+    """Whose it is."""
     trajectory: str | None = None
+    """What was commanded, where it holds no commands: `FILE.yaml:NAME`."""
     joint_map: Path | None = None
+    """A file that renames its joints."""
 
     @cached_property
     def data(self) -> Recorded:
@@ -75,9 +79,9 @@ Recordings = Recording | Sequence[Recording]
 
 
 def hand(name: Text | None = None, *, model: Text | None = None) -> Robot:
-    """A hand by its name ("shadow_hand"), by the path of its description, or any robot by its MJCF as `model`.
+    """A hand by its `name` ("shadow_hand") or the path of its description, or any robot by its MJCF as `model`.
 
-    Raises BadInput for a hand that is not known or a model that cannot be used.
+    Without arguments it is the Shadow Hand. Raises BadInput for an unknown hand or a model that cannot be used.
     """
     chosen, path = None if name is None else str(name), None if model is None else Path(model)
     return Robot(load_hand(chosen, path), chosen, path)
@@ -86,7 +90,12 @@ def hand(name: Text | None = None, *, model: Text | None = None) -> Robot:
 def recording(
     path: Text, hand: Robot | None = None, *, trajectory: str | None = None, joint_map: Text | None = None
 ) -> Recording:
-    """A recording of a hand, the Shadow Hand where none is given. Raises BadInput where there is no such file."""
+    """A recording of a robot, of the Shadow Hand where none is given; it is read when it is needed.
+
+    `path`: a ROS 1 or ROS 2 bag, an MCAP, a CSV or a folder of these. `trajectory`: "FILE.yaml:NAME", what was
+    commanded where the recording has no commands. `joint_map`: a YAML file that renames joints of the data. Raises
+    BadInput where there is no such file.
+    """
     found = Path(path)
     if not found.exists():
         raise BadInput("there is no such recording", where=found, todo="Give the path of a bag, an MCAP or a CSV")

@@ -21,9 +21,12 @@ def diagnose(
     version: str | None = None,
     terms: Text | None = None,
 ) -> Diagnosis:
-    """Which effects the twin lacks, or that the data cannot tell, as `twin diagnose`. Nothing is stored.
+    """Which effects the twin lacks, with evidence, or that the data cannot tell, as `twin diagnose`. Stores no version.
 
-    Without `holdout` every third stretch of the recordings is held out. Candidates appear on standard error.
+    `holdout`: validation data; without it every third stretch of the recordings is held out. `joints`: only
+    these. The same `seed` gives the same answer. `version`: the twin that is diagnosed, default the one in use;
+    `terms`: a file of parameters and effects instead. Candidates appear on standard error. Raises BadInput for a
+    recording, version or file that cannot be used, UsageError for no recording or recordings of different robots.
     """
     recordings, robot = of(recording)
     held = as_list(holdout)
@@ -44,7 +47,11 @@ def ladder(
     version: str | None = None,
     terms: Text | None = None,
 ) -> Ladder:
-    """Diagnoses, adds, refits, and again, until nothing helps on held-out motion; stores a version: `twin ladder`."""
+    """Diagnoses, adds an effect, refits, and again, until nothing helps on validation data, as `twin ladder`.
+
+    Stores the result as a version. `max_steps`: the largest number of effects. The other arguments and errors are
+    as for `diagnose`.
+    """
     recordings, robot = of(recording)
     held = as_list(holdout)
     session = opened(robot, version, terms, [*recordings, *held])
@@ -54,5 +61,5 @@ def ladder(
 
 
 def versions(robot: Robot | None = None) -> Versions:
-    """Every version of a hand's twin, as `twin versions list`."""
+    """Every version of a robot's twin, as `twin versions list`; of the Shadow Hand where none is given."""
     return Versions.made_of(listed(VersionStore.of((robot or hand()).description)))

@@ -57,24 +57,38 @@ class JointError(BaseModel):
     """One joint's error. Positive bias: it reads more than predicted; positive lag: it comes later."""
 
     mse_rad2: float
+    """Mean squared residual."""
     rmse_rad: float
+    """Its root."""
     max_abs_rad: float
+    """The largest residual."""
     bias_rad: float
+    """The mean residual; positive: the joint reads more than predicted."""
     lag_s: float | None
+    """By how much the joint comes later than predicted; None where that cannot be told."""
     noise_rad2: float
+    """What the sensor's noise and resolution alone would leave."""
     moves: bool
+    """Whether it moved enough to count in the means."""
 
 
 class Comparison(Result):
     """The twin against measurements: means over the joints that move, and each joint's errors."""
 
     hand: str
+    """The robot's name."""
     version: str | None
+    """The version that was compared; None for terms from a file."""
     mse_rad2: float | None
+    """Mean over the joints that move; None where none does."""
     noise_floor_rad2: float | None
+    """What no model can go below, over the same joints."""
     joints: dict[str, JointError]
+    """By joint."""
     groups: dict[str, Mse]
+    """By group of joints, such as `FF` or `thumb`."""
     references: dict[str, Mse]
+    """The same error of `raw_command` and `last_promoted`."""
 
     _compared: Sequence[Compared] = PrivateAttr(default=())
 
@@ -97,20 +111,30 @@ class Prospect(BaseModel):
     """What a recording says of one parameter: `identifiable`, `weak` or `not_identifiable`; the width in `unit`."""
 
     verdict: str
+    """`identifiable`, `weak` or `not_identifiable`."""
     identifiable: bool
+    """Whether a fit would tell its value."""
     unit: str
+    """The parameter's unit."""
     ci95_width: float | None
+    """Width of the 95 % interval that a fit would give, in `unit`."""
     confused_with: str | None
+    """The parameter that it cannot be told from."""
     advice: str | None
+    """The motion that would change that."""
 
 
 class Check(Result):
     """What recordings can and cannot tell, before anyone fits."""
 
     hand: str
+    """The robot's name."""
     space: str
+    """The space whose parameters were looked at."""
     recordings: list[dict[str, Any]]
+    """Rate, jitter, gaps and still joints of each recording."""
     parameters: dict[str, Prospect]
+    """By parameter."""
 
     def table(self) -> Table:
         table = slim_table(f"what '{self.space}' would get", ("parameter", "95 % width", "unit", "the data say"))
@@ -130,22 +154,34 @@ class Fitted(BaseModel):
     model_config = ConfigDict(extra="allow")
 
     value: float
+    """The value, in `unit`."""
     unit: str
+    """Its unit."""
     ci95: tuple[float | None, float | None]
+    """The 95 % interval, in `unit`; None where it is unknown."""
     at_bound: bool = False
+    """Whether it ended on a bound."""
 
 
 class _Judged(Result):
     """Errors before and after, on what was fitted and on what was held out, and the version that was stored."""
 
     before: Mse
+    """Error on what was fitted, before."""
     after: Mse
+    """The same after."""
     holdout_before: Mse
+    """Error on validation data, before."""
     holdout_after: Mse
+    """The same after."""
     parameters: dict[str, Fitted]
+    """By parameter."""
     version: str
+    """Id of the version that was stored."""
     candidate: bool
+    """Whether it became the candidate, which it does if it is better on validation data."""
     notes: list[str]
+    """What to know of the fit."""
 
     def table(self) -> Table:
         table = slim_table("fitted", ("parameter", "value", "95 % interval", "unit"))
@@ -166,30 +202,45 @@ class Calibration(_Judged):
     """Fitted parameters. `history` is the best mean squared error (rad^2) by evaluation."""
 
     evaluations: int
+    """Roll-outs that were taken."""
     wall_s: float
+    """Time that it took."""
     history: list[Any]
+    """The best mean squared error (rad²) by evaluation."""
 
 
 class Addition(_Judged):
     """An effect in the twin. `terms` are those of the stored version."""
 
     effect: str
+    """Key of the effect."""
     targets: list[str]
+    """Where it acts."""
     holdout_joints_before: Mse
+    """Error on validation data over the effect's joints, before."""
     holdout_joints_after: Mse
+    """The same after."""
     terms: dict[str, Any]
+    """Effects and parameters of the stored version."""
 
 
 class Diagnosis(Result):
     """Which effects the twin lacks, with their evidence; `verdict` is the answer in one word."""
 
     verdict: verdict.VerdictName
+    """The answer in one word."""
     reason: str
+    """The answer in a sentence."""
     findings: list[verdict.Finding]
+    """The effects that the data ask for, the best first."""
     tried: list[verdict.Trial]
+    """Every other candidate, and why it lost."""
     where: list[verdict.Failure]
+    """Joints and conditions where the model fails most."""
     next_experiment: verdict.Experiment | None
+    """The motion that would settle what is open."""
     wall_s: float
+    """Time that it took."""
 
     _robot: Robot | None = PrivateAttr(default=None)
 
@@ -212,12 +263,19 @@ class Ladder(Result):
     """The error by what was added, and the version with all of it; None where nothing was."""
 
     hand: str
+    """The robot's name."""
     verdict: verdict.VerdictName | None
+    """What the last diagnosis said; None where it was cut short."""
     reason: str
+    """The same in a sentence."""
     steps: list[verdict.Step]
+    """The twin as it was, then after each effect."""
     references: dict[str, verdict.ReferenceErrors]
+    """Errors to compare with, such as `raw_command` and `parameters_alone`."""
     noise_floor_rad2: float | None
+    """What no model can go below."""
     version: str | None
+    """Id of the version that was stored."""
 
     def table(self) -> Table:
         table = slim_table("the error by what was added", ("step", "fitted rad²", "held out rad²", "then it is"))
@@ -241,15 +299,20 @@ class Version(BaseModel):
     model_config = ConfigDict(extra="allow")
 
     id: str
+    """The hash of its content."""
     names: list[str]
+    """The names that point at it."""
 
 
 class Versions(Result):
     """Every version of a hand, `nominal` first, and the names that point at them."""
 
     hand: str
+    """The robot's name."""
     versions: list[Version]
+    """Every version, `nominal` first, then the oldest."""
     aliases: dict[str, str]
+    """The version that each name points at."""
 
     def table(self) -> Table:
         table = slim_table(f"{self.hand}: versions", ("version", "names"))
