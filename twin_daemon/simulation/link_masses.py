@@ -18,6 +18,15 @@ from twin_daemon.simulation.twin import TwinModel
 
 
 @dataclass(frozen=True)
+class _Load:
+    """What is more of a link, (m, 3) each in the world: a force `pull`, a `shift` of its centre, a torque `turn`."""
+
+    pull: np.ndarray
+    shift: np.ndarray
+    turn: np.ndarray
+
+
+@dataclass(frozen=True)
 class LinkPaths:
     """How all links of a robot move along one recording, in the world: b bodies, v joints, m times.
 
@@ -63,36 +72,39 @@ class LinkPaths:
 
         All are uncertain by a `share` of themselves, a centre by that share of its distance from the link's joint.
         """
-        twin, model, step_s = self.twin, self.twin.model, float(self.time_s[1] - self.time_s[0])
+        twin, model = self.twin, self.twin.model
         dofs = [int(twin.dof_adr[twin.joints.index(joint)]) for joint in joints]
         carries = np.array([[int(model.dof_bodyid[d]) in upwards(model, b) for b in range(model.nbody)] for d in dofs])
         found = []
-        for body in np.flatnonzero(carries.any(axis=0)):
-            force, mass = self.force[:, body], float(model.body_mass[body])
-            if mass <= 0.0:
+        for body in np.flatnonzero(carries.any(axis=0)).tolist():
+            if model.body_mass[body] <= 0.0:
                 continue
-            none = np.zeros_like(force)
-            loads = [(force, none, none)]  # what pulls at the centre, how far that is off, and what turns it
-            distance = float(np.linalg.norm(model.body_ipos[body]))
-            for way in range(3):
-                shift = distance * self.frame[:, body, :, way]
-                loads.append((mass * _twice(shift, step_s), shift, none))
-            loads.append((none, none, self.spin[:, body]))
-            for pull, shift, turn in loads:
+            for load in self._loads(body):
                 column = np.zeros((len(self.time_s), len(dofs)))
-                for index, dof in enumerate(dofs):
-                    if not carries[index, body]:
-                        continue
-                    joint = int(model.dof_jntid[dof])
-                    axis = self.axis[:, joint]
-                    if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE:
-                        column[:, index] = (axis * pull).sum(axis=1)
-                    else:
-                        arm = self.centre[:, body] - self.anchor[:, joint]
-                        moment = np.cross(arm, pull) + np.cross(shift, force) + turn
-                        column[:, index] = (axis * moment).sum(axis=1)
+                for index in np.flatnonzero(carries[:, body]):
+                    column[:, index] = self._felt(int(model.dof_jntid[dofs[index]]), body, load)
                 found.append(share * column)
         return np.stack(found, axis=2) if found else np.zeros((len(self.time_s), len(dofs), 0))
+
+    def _loads(self, body: int) -> list[_Load]:
+        """What a link's mass, its centre (three ways) and its inertia are to the joints that carry it."""
+        model, step_s = self.twin.model, float(self.time_s[1] - self.time_s[0])
+        none = np.zeros_like(self.force[:, body])
+        loads = [_Load(self.force[:, body], none, none)]
+        distance, mass = float(np.linalg.norm(model.body_ipos[body])), float(model.body_mass[body])
+        for way in range(3):
+            shift = distance * self.frame[:, body, :, way]
+            loads.append(_Load(mass * _twice(shift, step_s), shift, none))
+        return [*loads, _Load(none, none, self.spin[:, body])]
+
+    def _felt(self, joint: int, body: int, load: _Load) -> np.ndarray:
+        """(m,) N m (N of a slide) of a joint that carries a link with a load at its centre."""
+        axis = self.axis[:, joint]
+        if self.twin.model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE:
+            return (axis * load.pull).sum(axis=1)
+        arm = self.centre[:, body] - self.anchor[:, joint]
+        moment = np.cross(arm, load.pull) + np.cross(load.shift, self.force[:, body]) + load.turn
+        return (axis * moment).sum(axis=1)
 
 
 def _twice(values: np.ndarray, step_s: float) -> np.ndarray:
