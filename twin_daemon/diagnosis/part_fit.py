@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from twin_daemon.diagnosis.candidates import Hypothesis
-from twin_daemon.diagnosis.fit import FirstFit, Fit, as_fit, own_columns
+from twin_daemon.diagnosis.fit import FirstFit, Fit, as_fit, moved_parameters, own_columns
 from twin_daemon.diagnosis.thresholds import (
     COARSER_STEPS,
     FINER_STEP,
@@ -23,6 +23,7 @@ from twin_daemon.diagnosis.thresholds import (
     SURE_FLOOR_SIGMA,
     SUSPECT_SIGMA,
 )
+from twin_daemon.diagnosis.verdict import MovedParameter
 from twin_daemon.estimation.nuisances import beside, nuisance_variables
 from twin_daemon.estimation.posterior import Posterior, floor_and_corrections
 from twin_daemon.estimation.solvers.trust_region import Derivative, Descent, descend, differenced, searched
@@ -135,6 +136,11 @@ class PartFit:
     def within_floor(self) -> bool:
         """Whether the nuisances alone leave of every joint what its sensor does."""
         return bool((self.times_floor <= FLOOR_CHI_SQUARE).all())
+
+    @cached_property
+    def moved(self) -> tuple[MovedParameter, ...]:
+        """The nominal parameters that are elsewhere than the model says, by the nuisances alone."""
+        return moved_parameters(self.base)
 
     @cached_property
     def suspects(self) -> set[str]:

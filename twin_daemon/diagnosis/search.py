@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from twin_daemon.diagnosis.conclude import Outcome, conclude, forced_nuisances, nothing_moves
-from twin_daemon.diagnosis.fit import Fit, moved_parameters
+from twin_daemon.diagnosis.fit import Fit
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.power import undetectable
 from twin_daemon.diagnosis.selection import Say, next_effect, swap_rivals
@@ -187,7 +187,7 @@ class _Hunt:
 def _begun(reduced: Reduced, part: PartFit) -> Outcome:
     """What a group says before any effect was looked for."""
     worst = float(part.times_floor.max())
-    return Outcome(reduced.name, part.joints, worst, _deviating(part), moved_parameters(part.base))
+    return Outcome(reduced.name, part.joints, worst, _deviating(part), part.moved)
 
 
 def _within_floor(part: PartFit, reduced: Reduced, seed: int, say: Say, *, seen: bool) -> Outcome | None:
@@ -241,7 +241,7 @@ def _search(part: PartFit, reduced: Reduced, seed: int, say: Say, most_effects: 
         # beside the effect the nuisances have gone back to where they belong: judged once more as it stands
         validation = Validation(settled, reduced.holdout, seed=seed, first=validation)
         outcome.left = min(outcome.left, validation.judge(settled.base).adequacy)
-        outcome.deviating, outcome.moved = _deviating(settled), moved_parameters(settled.base)
+        outcome.deviating, outcome.moved = _deviating(settled), settled.moved
         named = ", ".join(found.hypothesis.name for found in outcome.accepted)
         say(f"  with {named}: {settled.base.chi_square:.1f} times the floor, {outcome.left:.1f} held out")
         if outcome.left <= 1.0 and not outcome.deviating:
