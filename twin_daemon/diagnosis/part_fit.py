@@ -24,12 +24,12 @@ from twin_daemon.diagnosis.thresholds import (
     SUSPECT_SIGMA,
 )
 from twin_daemon.diagnosis.verdict import MovedParameter
-from twin_daemon.estimation.nuisances import beside, nuisance_variables
+from twin_daemon.estimation.nuisances import beside, carried_over, nuisance_variables
 from twin_daemon.estimation.posterior import Posterior, floor_and_corrections
 from twin_daemon.estimation.solvers.trust_region import Derivative, Descent, descend, differenced, searched
 from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
 from twin_daemon.estimation.uncertainty import conditional_information
-from twin_daemon.estimation.variables import EffectVariable, OnsetVariable
+from twin_daemon.estimation.variables import EffectVariable
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
 
@@ -270,10 +270,7 @@ class PartFit:
         other motion may still say without the law being wrong. One Gauss-Newton step with the fit's posterior as prior.
         """
         every = fit.problem.variables
-        kept = [index for index, v in enumerate(every) if not isinstance(v, OnsetVariable)]
-        shifts = [v.value(fit.point[i]) for i, v in enumerate(every) if isinstance(v, OnsetVariable)]
-        shift = float(np.mean(shifts)) if shifts else 0.0
-        moved = [r.with_onset(r.onset_s + shift) for r in recordings]
+        kept, moved = carried_over(every, fit.point, recordings)
         variables, point = tuple(every[i] for i in kept), fit.point[kept]
         if adjusted and kept:
             problem = Posterior(fit.problem.twin, moved, variables, self.joints, self.floor)

@@ -11,7 +11,7 @@ from twin_daemon.diagnosis.fit import Fit
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.thresholds import ADEQUATE_FLOORS, AS_BEFORE, BLOCK_S, FORGIVEN_OFFSET_SIGMA, RELATIVE_ERROR
 from twin_daemon.estimation.thresholds import OFFSET_FLOORS
-from twin_daemon.estimation.uncertainty import block_gain
+from twin_daemon.estimation.uncertainty import block_gain, sample_squares
 from twin_daemon.simulation.alignment import Aligned
 
 
@@ -81,7 +81,7 @@ class Validation:
             before = self._without(owned, adjusted=True)
             after = before if fit is part.base else part.held_out(fit, self._holdout, adjusted=True)
             left = _left(after, self._known, part.floor)
-        squares_before, squares_after = self._squares(before), self._squares(after)
+        squares_before, squares_after = sample_squares(before, self._known), sample_squares(after, self._known)
         total_before, total_after = float(squares_before.mean()), float(squares_after.mean())
         return HeldOut(
             mse_before=total_before,
@@ -94,7 +94,7 @@ class Validation:
 
     def squares(self, fit: Fit) -> np.ndarray:
         """(n,) rad^2: mean over the joints of each held-out sample's squared error."""
-        return self._squares(self._part.held_out(fit, self._holdout))
+        return sample_squares(self._part.held_out(fit, self._holdout), self._known)
 
     def _without(self, owned: tuple[str, ...], *, adjusted: bool) -> list[np.ndarray]:
         """The model without an effect on the held-out motion, computed once for all effects that own the same."""
@@ -113,11 +113,6 @@ class Validation:
         left = np.minimum(left, np.maximum(self._part.times_floor, ADEQUATE_FLOORS))
         share = np.array([RELATIVE_ERROR if joint in suspects else AS_BEFORE for joint in self._part.joints])
         return np.maximum(ADEQUATE_FLOORS, share * left)
-
-    def _squares(self, residuals: Sequence[np.ndarray]) -> np.ndarray:
-        """(n,) mean over the joints of each measured sample's squared error, over all recordings."""
-        pairs = zip(residuals, self._known, strict=True)
-        return np.concatenate([(r**2).mean(axis=1)[k.any(axis=1)] for r, k in pairs])
 
 
 def _without_stand_in(part: PartFit, owned: set[str]) -> Fit:

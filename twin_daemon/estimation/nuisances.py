@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 
+import numpy as np
+
 from twin_daemon.estimation.thresholds import (
     DELAY_REACH,
     DELAY_SIGMA_S,
@@ -88,6 +90,19 @@ def factors(variables: Sequence[Variable], values: Mapping[str, float]) -> dict[
         for name in variable.factors:
             found[name] = found.get(name, 1.0) * values[variable.name]
     return found
+
+
+def carried_over(
+    variables: Sequence[Variable], point: np.ndarray, recordings: Sequence[Aligned]
+) -> tuple[list[int], list[Aligned]]:
+    """What a fit at a point (p,) says of other recordings: (where the variables are that these share, the recordings).
+
+    Onsets are a recording's own: the commands of the others come as much later as those of the fit did on average.
+    """
+    kept = [index for index, v in enumerate(variables) if not isinstance(v, OnsetVariable)]
+    shifts = [v.value(point[index]) for index, v in enumerate(variables) if isinstance(v, OnsetVariable)]
+    shift_s = float(np.mean(shifts)) if shifts else 0.0
+    return kept, [r.with_onset(r.onset_s + shift_s) for r in recordings]
 
 
 def _by_recording(pieces: Sequence[Aligned]) -> dict[str, list[int]]:

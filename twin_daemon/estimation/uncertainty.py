@@ -137,6 +137,14 @@ def unit_sigmas(slopes: np.ndarray, inflation: float) -> np.ndarray:
     return np.sqrt(np.diag(np.linalg.inv(information)))
 
 
+def sample_squares(residuals: Sequence[np.ndarray], known: Sequence[np.ndarray]) -> np.ndarray:
+    """(n,) rad^2: mean over the joints of each sample's squared error, over all recordings.
+
+    Both are (n, k) a recording, 0 where a joint was not measured; samples at which nothing was measured are left out.
+    """
+    return np.concatenate([(r**2).mean(axis=1)[k.any(axis=1)] for r, k in zip(residuals, known, strict=True)])
+
+
 def block_gain(before: np.ndarray, after: np.ndarray, block: int, seed: int, draws: int = 400) -> tuple[float, float]:
     """95 % interval of 1 - after/before by a bootstrap over blocks in time of squared errors (n,) each."""
     blocks = max(2, len(before) // max(block, 1))

@@ -64,9 +64,8 @@ class LawProblem(Posterior):
         """(p,) from the nuisances' unit coordinates and the law's coefficients."""
         return np.concatenate([nuisances, np.clip(0.5 + coefficients / (2.0 * self.feature.most), 0.0, 1.0)])
 
-    def shifted(self, shift_s: float) -> LawProblem:
-        """The same problem with all commands later by so much."""
-        pieces = [r.with_onset(r.onset_s + shift_s) for r in self.recordings]
+    def shifted(self, pieces: Sequence[Aligned]) -> LawProblem:
+        """The same problem over its pieces with their commands at other times."""
         other = LawProblem(
             self.twin,
             pieces,

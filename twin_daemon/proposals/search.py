@@ -8,11 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
-from twin_daemon.estimation.nuisances import nuisance_variables
+from twin_daemon.estimation.nuisances import carried_over, nuisance_variables
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.estimation.posterior import Posterior, floor_and_corrections
 from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
-from twin_daemon.estimation.uncertainty import block_gain
+from twin_daemon.estimation.uncertainty import block_gain, sample_squares
 from twin_daemon.estimation.variables import OnsetVariable
 from twin_daemon.estimation.windows import spread
 from twin_daemon.executor import TimeLimit, concurrently
@@ -302,10 +302,7 @@ class JointSearch:
     def _held(self, problem: LawProblem | None, point: np.ndarray, twin: TwinModel | None = None) -> np.ndarray:
         """(n,) rad^2: mean over the joints of each held-out sample's squared error."""
         assert self.reduced is not None
-        kept = [i for i, v in enumerate(self.variables) if not isinstance(v, OnsetVariable)]
-        shifts = [v.value(point[i]) for i, v in enumerate(self.variables) if isinstance(v, OnsetVariable)]
-        shift = float(np.mean(shifts)) if shifts else 0.0
-        moved = [r.with_onset(r.onset_s + shift) for r in self.held]
+        kept, moved = carried_over(self.variables, point, self.held)
         if problem is None:
             variables = [self.variables[i] for i in kept]
             judge = Posterior(
@@ -314,12 +311,12 @@ class JointSearch:
             )  # fmt: skip
             at = point[kept]
         else:
-            judge = self.problem(problem.feature, problem.smoothness, held=True).shifted(shift)
+            judge = self.problem(problem.feature, problem.smoothness, held=True).shifted(moved)
             at = np.concatenate([point[kept], point[problem.own :]])
         residuals = [r[0] for r in judge.joint_residuals(at[None])]
         columns = [self.reduced.twin.joints.index(name) for name in self.reduced.joints]
         known = [np.isfinite(r.measured[:, columns]) for r in self.held]
-        return np.concatenate([(r**2).mean(axis=1)[k.any(axis=1)] for r, k in zip(residuals, known, strict=True)])
+        return sample_squares(residuals, known)
 
     def gain_of(self, changed: TwinModel) -> float:
         """What another twin of the part takes away of the held-out error, nothing fitted beside it."""
