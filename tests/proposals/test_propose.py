@@ -14,8 +14,11 @@ from tests.proposals.conftest import UNEXPLAINED
 from twin_daemon.cli.app import main
 from twin_daemon.diagnosis.verdict import Diagnosis
 from twin_daemon.effects.from_files import EffectFile, effect_of
-from twin_daemon.proposals.features import features
+from twin_daemon.estimation.nuisances import nuisance_variables
+from twin_daemon.proposals.features import Feature, features
+from twin_daemon.proposals.law_problem import LawProblem
 from twin_daemon.proposals.propose import propose
+from twin_daemon.proposals.track import track
 from twin_daemon.simulation.twin import TwinModel
 
 Recorded = Callable[[str, float, float], list[list[Any]]]
@@ -120,6 +123,22 @@ def test_every_law_that_is_looked_for_can_be_written(port: str) -> None:
             own = {"over": feature.over, "factor": feature.factor, "memory": feature.memory}
             curve = {"knots": feature.knots, "values": [0.0] * len(feature.knots), "neighbour": feature.neighbour}
             assert effect_of(EffectFile.model_validate(content | own | curve)).key == "my_law"
+
+
+@pytest.mark.parametrize("memory", ["", "play"])
+def test_the_slopes_of_a_laws_priors_are_those_of_their_rows(twin: TwinModel, recorded: Recorded, memory: Any) -> None:
+    train, _ = recorded("sound", 8.0, 6.0)
+    nuisances = nuisance_variables(twin, train, ["elbow"])
+    actuator = twin.actuators.index("elbow")
+    problem = LawProblem(
+        twin, train, nuisances, ["elbow"], np.array([1e-6]),
+        feature=Feature("torque", "position", (0.1, 0.2, 0.5, 0.7), "N m", 4.0, memory=memory), joint="elbow",
+        actuator=actuator, tracks=[track(twin, one, "elbow", actuator, []) for one in train], smoothness=30.0,
+    )  # fmt: skip
+    at, to = np.random.default_rng(0).uniform(0.0, 1.0, (2, len(problem.variables)))
+    before, after = problem.prior_residuals(np.array([at, to]))
+    assert len(before) > len(nuisances)
+    assert problem.prior_slopes() @ (to - at) == pytest.approx(after - before)
 
 
 def test_a_sound_robot_gets_no_proposal(twin: TwinModel, recorded: Recorded) -> None:

@@ -213,6 +213,12 @@ class LawProblem(Posterior):
         found = super().prior_residuals(points)
         return np.concatenate([found, self.coefficients(points) @ self._bends.T], axis=1)
 
+    def prior_slopes(self) -> np.ndarray:
+        """(q, p) their derivative by the points."""
+        bends = np.zeros((len(self._bends), len(self.variables)))
+        bends[:, self.own :] = self._bends * 2.0 * self.feature.most
+        return np.concatenate([super().prior_slopes(), bends])
+
     @cached_property
     def _bends(self) -> np.ndarray:
         """(q, k) rows that a smooth curve, or a weak memory, makes small."""

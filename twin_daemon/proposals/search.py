@@ -195,7 +195,8 @@ class JointSearch:
             best: Trial | None = None
             for smoothness in (0.0,) if feature.memory else SMOOTHNESS:
                 # what the model gets wrong altogether is no noise of the sensors: beliefs count as much more
-                believed, beliefs = self._beliefs(self.problem(feature, smoothness), point)
+                law = self.problem(feature, smoothness)
+                believed, beliefs = law.prior_residuals(point[None])[0], law.prior_slopes()
                 linear = Linear(rows[:data], whole, fold, temper * believed, temper * beliefs)
                 share = cross_validated(linear, own)
                 if best is None or share > best.share:
@@ -221,11 +222,6 @@ class JointSearch:
         costs = (problem.residuals(points) ** 2).sum(axis=1)
         best = int(np.argmin(costs))
         return replace(trial, start=points[best], reduction=1.0 - float(costs[best]) / self.alone.cost)
-
-    def _beliefs(self, problem: LawProblem, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """((q,) the priors' rows at a point, (q, p) their slopes)."""
-        at = problem.prior_residuals(np.concatenate([point[None], point[None] + 1e-3 * np.eye(len(point))]))
-        return at[0], (at[1:] - at[0]).T / 1e-3
 
     def problem(self, feature: Feature, smoothness: float, *, held: bool = False) -> LawProblem:
         """The error of the twin with such a law, over the motion to fit or the held-out one."""
@@ -338,7 +334,7 @@ class JointSearch:
 def _freedom(problem: LawProblem, reached: Reached) -> float:
     """How many values the data determine of a law's, the smoothness taken off."""
     own = range(problem.own, reached.slopes.shape[1])
-    data = len(reached.rows) - problem.prior_residuals(reached.point[None]).shape[1]
+    data = len(reached.rows) - len(problem.prior_slopes())
     seen = reached.slopes[:data, own].T @ reached.slopes[:data, own]
     whole = reached.slopes[:, own].T @ reached.slopes[:, own]
     return float(np.trace(np.linalg.pinv(whole) @ seen))
