@@ -26,8 +26,9 @@ SLAB_UNITS = Threshold(1.0, "units", "of that size: an effect that has appeared 
 
 ROUNDS = Count(8, "steps", "of Gauss-Newton in roll-outs, at most")
 LONGEST_STEP_SIGMA = Threshold(1.0, "sigma", "of a shared value's prior: no step is longer")
-STEP_SHARES = (1.0, 0.5, 0.2, 0.05)
-"""Of a step, tried until one gains."""
+STEP_SHARES = tuple(
+    Threshold(share, "1", "of a step, tried one after another until one gains") for share in (1.0, 0.5, 0.2, 0.05)
+)
 SETTLED_NATS = Threshold(0.2, "nats", "that a step has to gain to be followed by another")
 PARAMETER_STEP = Threshold(
     0.03, "1", "of the logarithm of a parameter, for a derivative: across what friction roughens"

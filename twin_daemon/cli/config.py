@@ -62,8 +62,9 @@ def thresholds(output: Output = None) -> None:
     """Every number that a fit or a diagnosis decides by, with its unit and its origin, as a page of Markdown."""
     from twin_daemon.changes import thresholds as of_changes
     from twin_daemon.diagnosis.threshold_page import page
+    from twin_daemon.proposals import thresholds as of_proposals
 
-    _write(output, page(("Changes since an earlier session", of_changes)))
+    _write(output, page(("Changes since an earlier session", of_changes), ("Proposals", of_proposals)))
 
 
 @app.command("cli")

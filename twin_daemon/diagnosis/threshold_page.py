@@ -13,7 +13,8 @@ _INTRODUCTION = """# Thresholds
 
 Made by `twin config thresholds -o docs/thresholds.md`. Every number that a fit or a diagnosis decides by, as the code
 has it: its unit (1 is a share or a factor), what it decides and where it comes from. They were found on the hidden
-suite's plants and on the measured hand unless a line says otherwise.
+suite's plants and on the measured hand unless a line says otherwise, those of proposals on the development half of
+`python -m bench.proposals`.
 """
 
 
@@ -29,12 +30,17 @@ def page(*more: tuple[str, ModuleType]) -> str:
 
 def _table(title: str, module: ModuleType) -> str:
     lines = [f"## {title}\n", "| name | value | unit | what it decides, and where it comes from |", "|---|---|---|---|"]
-    lines += [f"| {name} | {value:.4g} | {value.unit} | {value.why} |" for name, value in entries(module)]
+    rows: dict[tuple[str, str, str], list[str]] = {}
+    for name, value in entries(module):
+        rows.setdefault((name, value.unit, value.why), []).append(f"{value:.4g}")
+    lines += [f"| {name} | {', '.join(values)} | {unit} | {why} |" for (name, unit, why), values in rows.items()]
     return "\n".join(lines) + "\n"
 
 
 def entries(module: ModuleType) -> Iterator[tuple[str, Threshold | Count]]:
-    """(name, value) of each number that a module states itself, in its order."""
-    stated = vars(module).items()
+    """(name, value) of each number that a module states itself, in its order; those of a row share its name."""
     taken = set(vars(of_estimation)) if module is not of_estimation else set()
-    return ((n, v) for n, v in stated if isinstance(v, (Threshold, Count)) and n not in taken)
+    for name, stated in vars(module).items():
+        if name not in taken:
+            row = stated if isinstance(stated, tuple) else (stated,)
+            yield from ((name, value) for value in row if isinstance(value, (Threshold, Count)))

@@ -8,14 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from twin_daemon.estimation.posterior import Posterior
-
-_NUISANCE_STEP = 5e-3
-_LAW_STEP = 4e-3  # of the range of a coefficient: 4 mrad of the servo's stiffness
-_DAMPINGS = (0.0, 0.03, 1.0, 30.0)
-_GAINED = 0.003
-_FOLDS = 5
-SMOOTHNESS = (3.0, 30.0, 300.0)
-"""Weights of a curve's bends among which the linear step chooses."""
+from twin_daemon.proposals.thresholds import DAMPINGS, FOLDS, LAW_STEP, LEAST_STEP_GAIN, NUISANCE_STEP
 
 
 @dataclass(frozen=True)
@@ -59,7 +52,7 @@ def columns(problem: Posterior, point: np.ndarray, chosen: range, step: float) -
 def folds(problem: Posterior) -> np.ndarray:
     """(m,) the block in time of each row of data: neighbouring pieces share one."""
     sizes = [len(r.time_s) * len(problem.objective) for r in problem.recordings]
-    count = min(_FOLDS, len(sizes)) if len(sizes) > 1 else _FOLDS
+    count = min(FOLDS, len(sizes)) if len(sizes) > 1 else FOLDS
     if len(sizes) == 1:
         return np.arange(sizes[0]) * count // sizes[0]
     return np.repeat(np.arange(len(sizes)) % count, sizes)
@@ -102,7 +95,7 @@ class Rows(Protocol):
 
 def gauss_newton(problem: Rows, point: np.ndarray, own: int, rounds: int) -> Reached:
     """Full derivatives each round; of several damped steps the one that fits best counts."""
-    steps = np.where(np.arange(len(point)) < own, _NUISANCE_STEP, _LAW_STEP)
+    steps = np.where(np.arange(len(point)) < own, NUISANCE_STEP, LAW_STEP)
     rows, slopes = _slopes(problem, point, steps)
     for _ in range(rounds):
         cost, hessian = float(rows @ rows), slopes.T @ slopes
@@ -118,7 +111,7 @@ def gauss_newton(problem: Rows, point: np.ndarray, own: int, rounds: int) -> Rea
                 0.0,
                 1.0,
             )
-            for damping in _DAMPINGS
+            for damping in DAMPINGS
         ]
         tried = problem.residuals(np.array(trials))
         costs = (tried**2).sum(axis=1)
@@ -128,7 +121,7 @@ def gauss_newton(problem: Rows, point: np.ndarray, own: int, rounds: int) -> Rea
         point = trials[best]
         gained = 1.0 - costs[best] / cost
         rows, slopes = _slopes(problem, point, steps)
-        if gained < _GAINED:
+        if gained < LEAST_STEP_GAIN:
             break
     return Reached(point, rows, slopes)
 

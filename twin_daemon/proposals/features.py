@@ -12,16 +12,23 @@ from typing import Literal
 
 import numpy as np
 
+from twin_daemon.proposals.thresholds import (
+    COMMAND_KNOTS,
+    FEW_POSITIONS,
+    HEAT_KNOTS,
+    LARGEST_FACTOR,
+    LARGEST_RAD,
+    LARGEST_RELAXING,
+    NEIGHBOUR_KNOTS,
+    PLAY_RAD,
+    POSITION_KNOTS,
+    TIME_KNOTS,
+    TIMES_S,
+)
+
 Port = Literal["torque", "command", "reading"]
 Factor = Literal["", "direction", "error"]
 Memory = Literal["", "play", "relaxation", "creep"]
-
-REVERSAL_RAD = 3e-3
-"""Over so much travel after a reversal a direction changes: bristles give way, and no torque jumps."""
-
-PLAY_RAD = (0.01, 0.03, 0.1, 0.3)
-TIMES_S = (0.1, 0.4, 1.5, 6.0, 20.0)
-HEATING_S = 8.0
 
 
 @dataclass(frozen=True)
@@ -79,33 +86,33 @@ def features(
     well; `kp` in N m/rad is the servo's stiffness. Knots cover what was visited, nothing beyond it.
     """
     at = {
-        "position": _even(position, 22),
-        "few_positions": _even(position, 8),
+        "position": _even(position, POSITION_KNOTS),
+        "few_positions": _even(position, FEW_POSITIONS),
         "velocity": _by_size(velocity),
-        "time": tuple(np.linspace(0.0, seconds, 6)),
-        "heat": _even(heat, 5),
-        "command": _even(command, 14),
+        "time": tuple(np.linspace(0.0, seconds, TIME_KNOTS)),
+        "heat": _even(heat, HEAT_KNOTS),
+        "command": _even(command, COMMAND_KNOTS),
         "error": _by_size(error),
     }
-    strong, far = 0.5 * kp, 0.5
+    strong, far, factor = LARGEST_RAD * kp, LARGEST_RAD, LARGEST_FACTOR
     found = [
         Feature("torque", "position", at["position"], "N m", strong),
         Feature("torque", "velocity", at["velocity"], "N m", strong),
         Feature("torque", "time", at["time"], "N m", strong),
         Feature("torque", "position", at["few_positions"], "N m", strong, factor="direction"),
         Feature("torque", "velocity", PLAY_RAD, "N m", strong, memory="play"),
-        Feature("torque", "velocity", TIMES_S, "N m/rad", 4.0 * kp, memory="relaxation"),
+        Feature("torque", "velocity", TIMES_S, "N m/rad", LARGEST_RELAXING * kp, memory="relaxation"),
         Feature("command", "error", at["error"], "rad", far),
-        Feature("command", "time", at["time"], "1", 3.0, factor="error"),
-        Feature("command", "heat", at["heat"], "1", 3.0, factor="error"),
-        Feature("command", "position", at["few_positions"], "1", 3.0, factor="error"),
+        Feature("command", "time", at["time"], "1", factor, factor="error"),
+        Feature("command", "heat", at["heat"], "1", factor, factor="error"),
+        Feature("command", "position", at["few_positions"], "1", factor, factor="error"),
         Feature("command", "command", at["command"], "rad", far),
-        Feature("command", "error", TIMES_S, "1", 3.0, memory="creep"),
+        Feature("command", "error", TIMES_S, "1", factor, memory="creep"),
         Feature("reading", "position", at["position"], "rad", far),
         Feature("reading", "time", at["time"], "rad", far),
     ]
     for name, angle in neighbours.items():
-        knots = _even(angle, 6)
+        knots = _even(angle, NEIGHBOUR_KNOTS)
         found += [
             Feature("reading", "neighbour", knots, "rad", far, neighbour=name),
             Feature("torque", "neighbour", knots, "N m", strong, neighbour=name),

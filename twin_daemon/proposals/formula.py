@@ -13,11 +13,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from twin_daemon.proposals.features import Feature
-
-_BLUR = 0.03  # of a curve's span: what a piecewise linear curve gets wrong of a smooth one
-_DENSE = 96
-_FASTER = 1.5  # times the largest speed or error that was visited: other motion may be faster
-_WIDER = 0.1  # of the visited range, to either side: a formula knows how it goes on
+from twin_daemon.proposals.thresholds import BEYOND, CURVE_BLUR, DENSE_KNOTS, FASTER
 
 Shape = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
@@ -190,7 +186,7 @@ def formulas(feature: Feature, coefficients: np.ndarray, sigmas: np.ndarray) -> 
     if feature.memory:
         return []
     x = np.array(feature.knots)
-    noise = np.hypot(np.minimum(sigmas, np.abs(coefficients).max() + 1e-12), _BLUR * np.ptp(coefficients) + 1e-12)
+    noise = np.hypot(np.minimum(sigmas, np.abs(coefficients).max() + 1e-12), CURVE_BLUR * np.ptp(coefficients) + 1e-12)
     found: list[tuple[float, Formula]] = []
     for key in _OVER[feature.over]:
         family = _FAMILIES[key]
@@ -221,7 +217,7 @@ def dense(feature: Feature) -> tuple[float, ...]:
     """Knots that are close enough for any formula of a feature's variable."""
     low, high = feature.knots[0], feature.knots[-1]
     if feature.over in ("velocity", "error"):
-        half = _FASTER * high * np.geomspace(0.002, 1.0, _DENSE // 2)
+        half = FASTER * high * np.geomspace(0.002, 1.0, DENSE_KNOTS // 2)
         return (*(-half[::-1]), 0.0, *half)
-    margin = 0.0 if feature.over in ("time", "heat") else _WIDER * (high - low)
-    return tuple(np.linspace(low - margin, high + margin, _DENSE))
+    margin = 0.0 if feature.over in ("time", "heat") else BEYOND * (high - low)
+    return tuple(np.linspace(low - margin, high + margin, DENSE_KNOTS))

@@ -11,15 +11,13 @@ from twin_daemon.estimation.posterior import Posterior
 from twin_daemon.estimation.problem import Candidate
 from twin_daemon.estimation.thresholds import PAST_S
 from twin_daemon.estimation.variables import ParameterVariable, Variable
-from twin_daemon.proposals.features import REVERSAL_RAD, Feature
+from twin_daemon.proposals.features import Feature
+from twin_daemon.proposals.thresholds import REVERSAL_RAD, RIDGE, STRONGEST_RAD
 from twin_daemon.proposals.track import Track
 from twin_daemon.simulation.alignment import Aligned, resample
 from twin_daemon.simulation.feedback import roll_out_with_feedback
 from twin_daemon.simulation.rollout import initial_state, remembers
 from twin_daemon.simulation.twin import TwinModel
-
-_STRONGEST = 3.0  # rad of the servo's stiffness: no law's torque is larger, however a trial goes astray
-_RIDGE = 1.0  # sigma of a coefficient, as a share of the largest that is looked for
 
 
 class LawProblem(Posterior):
@@ -223,7 +221,7 @@ class LawProblem(Posterior):
     def _bends(self) -> np.ndarray:
         """(q, k) rows that a smooth curve, or a weak memory, makes small."""
         count, scale = len(self.feature.knots), 1.0 / self.feature.most
-        weak = _RIDGE * scale * np.eye(count)
+        weak = RIDGE * scale * np.eye(count)
         if self.feature.memory:
             return weak
         return np.concatenate([weak, self.smoothness * scale * np.diff(np.eye(count), n=2, axis=0)])
@@ -298,10 +296,10 @@ class _Feedback:
         out = np.zeros_like(qvel)
         kp = self._kp[:active]
         if feature.port == "command":
-            pull = np.clip(value, -_STRONGEST, _STRONGEST) * kp
+            pull = np.clip(value, -STRONGEST_RAD, STRONGEST_RAD) * kp
             out[:, self._dof_driven] = pull[:, None] * self._drive
         else:
-            out[:, self._dof] = np.clip(value, -_STRONGEST * kp, _STRONGEST * kp)
+            out[:, self._dof] = np.clip(value, -STRONGEST_RAD * kp, STRONGEST_RAD * kp)
         return out
 
     def _over(

@@ -16,22 +16,25 @@ from twin_daemon.effects.from_files import EffectFile, save_effect_file
 from twin_daemon.effects.from_files import native as native_form
 from twin_daemon.errors import BadInput
 from twin_daemon.estimation.partition import Reduction
+from twin_daemon.estimation.thresholds import Z95
 from twin_daemon.executor import TimeLimit
 from twin_daemon.proposals.formula import formulas
 from twin_daemon.proposals.proposal import Curve, Native, Nearest, Proposal, Proposals, Rival, Value
 from twin_daemon.proposals.refit import RefittedLaw, refitted
-from twin_daemon.proposals.search import LEAST_GAIN, FittedLaw, JointSearch, Say, Trial
+from twin_daemon.proposals.search import FittedLaw, JointSearch, Say, Trial
+from twin_daemon.proposals.thresholds import (
+    FORMULAS_TRIED,
+    LEAST_GAIN,
+    LIBRARY_LEAVES,
+    MOST_NULL,
+    MOST_SURE,
+    NEAREST_SHOWN,
+)
 from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.submodel import drive_groups
 from twin_daemon.simulation.terms import EffectTerm
 from twin_daemon.simulation.twin import TwinModel
 
-MOST_SURE = 0.95
-"""No more is said of a law that nobody has tested on purpose: something else may lie behind it."""
-FORMULAS_TRIED = 2
-NEAREST_SHOWN = 4
-MOST_NULL = 0.05
-_BETTER = 0.9  # of the best library effect's held-out error: a law that leaves more is no news
 _X_UNITS = {"velocity": "rad/s", "time": "s", "heat": "1"}
 
 
@@ -165,7 +168,7 @@ def _refused(search: JointSearch, law: FittedLaw, found: Diagnosis) -> str:
     ]
     if known:
         mse, best = min(known, key=lambda item: item[0])
-        if mse < _BETTER * law.mse_after:
+        if mse < LIBRARY_LEAVES * law.mse_after:
             return f"the library's {best.effect} leaves less on held-out motion"
     return ""
 
@@ -178,7 +181,7 @@ def _proposal(search: JointSearch, law: RefittedLaw, laws: Sequence[FittedLaw], 
     path = save_effect_file(file)
     reload_files()
     at_unit = {"play": "rad", "relaxation": "s", "creep": "s"}.get(feature.memory, _X_UNITS.get(feature.over, "rad"))
-    band = 1.96 * law.sigmas
+    band = Z95 * law.sigmas
     costs = native_form.cost(file)
     curve = Curve(
         at=law.knots,

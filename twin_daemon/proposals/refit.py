@@ -7,14 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from twin_daemon.estimation.thresholds import Z95
 from twin_daemon.proposals.descent import Reached, gauss_newton
 from twin_daemon.proposals.formula import Formula, dense
 from twin_daemon.proposals.law_problem import LawProblem
 from twin_daemon.proposals.search import FittedLaw, JointSearch
-
-_ROUNDS = 3
-_AS_GOOD = 1.2  # times the curve's cost: a formula that leaves no more stands for it
-_VALUE_FLOOR = 0.03  # of a value: the least half-width of its interval
+from twin_daemon.proposals.thresholds import AS_GOOD, FORMULA_FLOOR, FORMULA_ROUNDS, SPOKEN_SHARE
 
 
 @dataclass(frozen=True)
@@ -36,7 +34,7 @@ class RefittedLaw:
             return self.formula.text(SYMBOLS.get(feature.over, feature.over))
         if feature.memory:
             unit = "rad" if feature.memory == "play" else "s"
-            strong = np.abs(self.curve) > 0.1 * np.abs(self.curve).max(initial=1e-12)
+            strong = np.abs(self.curve) > SPOKEN_SHARE * np.abs(self.curve).max(initial=1e-12)
             pairs = zip(self.curve[strong], np.array(feature.knots)[strong], strict=True)
             of = "" if feature.unit == "1" else f" {feature.unit}"
             elements = [f"{size:.3g}{of} over {length:g} {unit}" for size, length in pairs]
@@ -84,7 +82,7 @@ def refitted(search: JointSearch, law: FittedLaw, candidates: Sequence[Formula])
         found = _by_formula(search, law, formula)
         if best is None or found.law.nats > best.law.nats:
             best = found
-    if best is not None and best.law.reached.cost < _AS_GOOD * law.reached.cost:
+    if best is not None and best.law.reached.cost < AS_GOOD * law.reached.cost:
         return best
     return RefittedLaw(law, None, {}, law.feature.knots, law.coefficients, law.sigmas)
 
@@ -94,12 +92,12 @@ def _by_formula(search: JointSearch, law: FittedLaw, formula: Formula) -> Refitt
     wrapped = _FormulaProblem(problem, formula)
     own = problem.own
     start = np.concatenate([law.reached.point[:own], np.full(len(formula.values), 0.5)])
-    reached = gauss_newton(wrapped, start, own, _ROUNDS)
+    reached = gauss_newton(wrapped, start, own, FORMULA_ROUNDS)
     values = wrapped.values(reached.point[None])[0]
     inflation = max(1.0, reached.cost / max(problem.effective_samples, 1.0))
     covariance = inflation * np.linalg.pinv(reached.slopes.T @ reached.slopes)
     sigmas = np.sqrt(np.maximum(np.diag(covariance)[own:], 0.0)) * 2.0 * wrapped.scales
-    half = np.maximum(1.96 * sigmas, _VALUE_FLOOR * np.abs(values))
+    half = np.maximum(Z95 * sigmas, FORMULA_FLOOR * np.abs(values))
     named = {
         name: (float(v), float(v - h), float(v + h))
         for name, v, h in zip(formula.family.names, values, half, strict=True)

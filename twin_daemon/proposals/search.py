@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from twin_daemon.diagnosis.thresholds import BLOCK_S
 from twin_daemon.estimation.nuisances import carried_over, nuisance_variables
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.estimation.posterior import Posterior, floor_and_corrections
@@ -16,39 +17,29 @@ from twin_daemon.estimation.uncertainty import block_gain, sample_squares
 from twin_daemon.estimation.variables import OnsetVariable
 from twin_daemon.estimation.windows import spread
 from twin_daemon.executor import TimeLimit, concurrently
-from twin_daemon.proposals.descent import (
-    SMOOTHNESS,
-    Linear,
-    Reached,
-    columns,
-    cross_validated,
-    folds,
-    gauss_newton,
-)
+from twin_daemon.proposals.descent import Linear, Reached, columns, cross_validated, folds, gauss_newton
 from twin_daemon.proposals.features import Feature, features
 from twin_daemon.proposals.law_problem import LawProblem
+from twin_daemon.proposals.thresholds import (
+    LAW_STEP,
+    LEADING,
+    MOST_HELD_S,
+    MOST_NEIGHBOURS,
+    MOST_TRAIN_S,
+    NULL_DRAWS,
+    PLAIN_SHARE,
+    RACING,
+    RACING_ROUNDS,
+    ROUNDS,
+    SMOOTHNESS,
+    STEP_LENGTHS,
+)
 from twin_daemon.proposals.track import track
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.submodel import Part
 from twin_daemon.simulation.twin import TwinModel
 
 Say = Callable[[str], None]
-
-MOST_TRAIN_S = 20.0
-MOST_HELD_S = 16.0
-RACING = 6
-ROUNDS_RACING = 2
-LEADING = 3
-PLAIN_SHARE = 0.9
-"""Taken away by one linear step: only the next few laws may then still be better."""
-ROUNDS = 4
-LEAST_GAIN = 0.15
-"""Of the held-out squared error: a law that takes less away is not proposed."""
-NULL_DRAWS = 39
-MOST_NEIGHBOURS = 3
-BLOCK_S = 0.75
-_LAW_STEP = 4e-3
-_LENGTHS = (1.0, 0.5, 0.2)
 
 
 @dataclass(frozen=True)
@@ -188,7 +179,7 @@ class JointSearch:
             self.limit.check()
             problem = self.problem(feature, SMOOTHNESS[0])
             point = problem.point(self.alone.point, np.zeros(len(feature.knots)))
-            rows, slopes = columns(problem, point, range(own, own + len(feature.knots)), _LAW_STEP)
+            rows, slopes = columns(problem, point, range(own, own + len(feature.knots)), LAW_STEP)
             fold = folds(problem)
             data = len(fold)
             whole = np.concatenate([nuisance_slopes[:data], slopes[:data]], axis=1)
@@ -217,7 +208,7 @@ class JointSearch:
         back = np.zeros(len(trial.start))
         back[:own] = self.base.start - trial.start[:own]
         steps.append(back + linear.beside(linear.rows + linear.slopes @ back, own))
-        lengths = [(length, step) for step in steps for length in _LENGTHS]
+        lengths = [(length, step) for step in steps for length in STEP_LENGTHS]
         points = np.clip(np.array([trial.start + length * step for length, step in lengths]), 0.0, 1.0)
         costs = (problem.residuals(points) ** 2).sum(axis=1)
         best = int(np.argmin(costs))
@@ -258,7 +249,7 @@ class JointSearch:
         def begin(trial: Trial) -> tuple[Trial, LawProblem, Reached]:
             self.limit.check()
             problem = self.problem(trial.feature, trial.smoothness)
-            return trial, problem, gauss_newton(problem, trial.start, problem.own, ROUNDS_RACING)
+            return trial, problem, gauss_newton(problem, trial.start, problem.own, RACING_ROUNDS)
 
         def go_on(begun: tuple[Trial, LawProblem, Reached]) -> FittedLaw:
             self.limit.check()

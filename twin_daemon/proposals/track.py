@@ -9,11 +9,9 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from twin_daemon.estimation.partition import restricted
-from twin_daemon.proposals.features import HEATING_S
+from twin_daemon.proposals.thresholds import HEATING_S, SMOOTHED_S
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
-
-_SMOOTHED_S = 0.06
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,7 @@ def track(small: TwinModel, whole: Aligned, joint: str, actuator: int, neighbour
         known = np.isfinite(column)
         if not known.any():
             return np.zeros_like(grid)
-        window = 2 * int(0.5 * _SMOOTHED_S / period) + 1
+        window = 2 * int(0.5 * SMOOTHED_S / period) + 1
         values = column[known]
         if 5 <= window < len(values):
             values = np.asarray(savgol_filter(values, window, 2), float)

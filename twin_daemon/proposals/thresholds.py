@@ -1,0 +1,91 @@
+"""Every number that a proposal decides by, beside those of a diagnosis: its unit, what it does, where it comes from."""
+
+from __future__ import annotations
+
+from twin_daemon.estimation.thresholds import Count, Threshold
+
+# -- the motion that is looked at ----------------------------------------------------------------------------
+
+MOST_TRAIN_S = Threshold(20.0, "s", "of motion that laws are fitted to: each of a law's values is a roll-out of it")
+MOST_HELD_S = Threshold(16.0, "s", "of held-out motion that they are judged on")
+MOST_NEIGHBOURS = Count(3, "joints", "nearest to the one that lacks a law, on whose angles it may depend")
+SMOOTHED_S = Threshold(0.06, "s", "of measured angles in one window of the filter: a law's speed is read off them")
+
+# -- what a law may depend on --------------------------------------------------------------------------------
+
+POSITION_KNOTS = Count(22, "knots", "of a curve over the angle, between the ends of what was visited")
+FEW_POSITIONS = Count(8, "knots", "of a curve over the angle that is multiplied by the direction or the servo's error")
+TIME_KNOTS = Count(6, "knots", "of a curve over time")
+HEAT_KNOTS = Count(5, "knots", "of a curve over the servo's heat")
+COMMAND_KNOTS = Count(14, "knots", "of a curve over the command")
+NEIGHBOUR_KNOTS = Count(6, "knots", "of a curve over a neighbour's angle")
+PLAY_RAD = tuple(
+    Threshold(width, "rad", "widths of the elements of a law with play") for width in (0.01, 0.03, 0.1, 0.3)
+)
+TIMES_S = tuple(
+    Threshold(time, "s", "of the elements of a law that relaxes or creeps: up to as long as the motion is")
+    for time in (0.1, 0.4, 1.5, 6.0, 20.0)
+)
+HEATING_S = Threshold(8.0, "s", "time constant of a servo's heat: its squared error through a low-pass")
+REVERSAL_RAD = Threshold(
+    3e-3, "rad", "of travel after a reversal in which a direction changes: bristles give way, and no torque jumps"
+)
+LARGEST_RAD = Threshold(0.5, "rad", "of the servo's stiffness, or of a reading: the largest value of a curve")
+LARGEST_FACTOR = Threshold(3.0, "1", "the largest value of a curve that is multiplied by the servo's error")
+LARGEST_RELAXING = Threshold(4.0, "1", "times the servo's stiffness: the strongest element that relaxes")
+STRONGEST_RAD = Threshold(
+    3.0, "rad", "of the servo's stiffness: no law's torque is larger in a roll-out, however a trial goes astray"
+)
+
+# -- descents ------------------------------------------------------------------------------------------------
+
+NUISANCE_STEP = Threshold(5e-3, "1", "of a nuisance's range, for its derivative")
+LAW_STEP = Threshold(4e-3, "1", "of a coefficient's range: 4 mrad of the servo's stiffness")
+DAMPINGS = tuple(
+    Threshold(damping, "1", "of the curvature along each coordinate: of these steps the one that fits best counts")
+    for damping in (0.0, 0.03, 1.0, 30.0)
+)
+STEP_LENGTHS = tuple(
+    Threshold(length, "1", "of the linear step: of these lengths the one that roll-outs like best counts")
+    for length in (1.0, 0.5, 0.2)
+)
+LEAST_STEP_GAIN = Threshold(3e-3, "1", "of the cost: a round that gains less is the last")
+RIDGE = Threshold(1.0, "1", "of the largest coefficient that is looked for: the sigma of each")
+SMOOTHNESS = tuple(
+    Threshold(weight, "1", "weights of a curve's bends: of these the one that unseen blocks like best counts")
+    for weight in (3.0, 30.0, 300.0)
+)
+FOLDS = Count(5, "blocks", "in time, each left out once from the linear step")
+
+# -- the competition -----------------------------------------------------------------------------------------
+
+RACING = Count(6, "laws", "that promise most by one step: fitted in roll-outs")
+RACING_ROUNDS = Count(2, "rounds", "of Gauss and Newton for each of them")
+PLAIN_SHARE = Threshold(0.9, "1", "of the error taken away by one step: then only the next few may still be better")
+LEADING = Count(3, "laws", "that go on; no more begin where one step has taken most away")
+ROUNDS = Count(4, "rounds", "of Gauss and Newton for each of these, and for the model without a law")
+
+# -- formulas ------------------------------------------------------------------------------------------------
+
+CURVE_BLUR = Threshold(0.03, "1", "of a curve's span: what a piecewise linear curve gets wrong of a smooth one")
+DENSE_KNOTS = Count(96, "knots", "close enough for any formula")
+FASTER = Threshold(1.5, "1", "times the largest speed or error that was visited: other motion may be faster")
+BEYOND = Threshold(0.1, "1", "of the visited range, to either side: a formula knows how it goes on")
+FORMULAS_TRIED = Count(2, "formulas", "of the shortest descriptions that are fitted in roll-outs")
+FORMULA_ROUNDS = Count(3, "rounds", "of Gauss and Newton for the values of a formula")
+AS_GOOD = Threshold(1.2, "1", "times the curve's cost: a formula that leaves no more stands for it")
+FORMULA_FLOOR = Threshold(0.03, "1", "of a formula's value: the least half-width of its interval")
+SPOKEN_SHARE = Threshold(0.1, "1", "of a memory's strongest element: weaker ones are not named")
+
+# -- what is proposed ----------------------------------------------------------------------------------------
+
+LEAST_GAIN = Threshold(0.15, "1", "of the held-out error: a law that takes less away is not proposed")
+NULL_DRAWS = Count(39, "draws", "of errors moved in time, so that nothing depends on anything")
+MOST_NULL = Threshold(0.05, "1", "of these that fit as well: with more, a law is not proposed")
+LIBRARY_LEAVES = Threshold(
+    0.9, "1", "of a law's held-out error: where an effect of the library leaves less, it is no news"
+)
+MOST_SURE = Threshold(
+    0.95, "1", "probability of a law that nobody has tested on purpose, at most: something else may lie behind it"
+)
+NEAREST_SHOWN = Count(4, "effects", "of the library that come nearest, named with why they fail")
