@@ -104,7 +104,7 @@ def _watch(stopwatch: Stopwatch, bridge: ZenohBridge) -> Callable[[JointSample],
     def handle(sample: JointSample) -> None:
         payload = encode(sample)
         publisher.begun_ns = time.thread_time_ns()
-        timed("joint_states", payload, time.monotonic())
+        timed("joint_states", payload, time.monotonic(), "hand")
 
     return handle
 
