@@ -11,7 +11,7 @@ import twin_daemon as td
 from twin_daemon.resources import twin_command
 
 HIDDEN = ["--hidden", "sensor_gain:rh_FFJ3=1.1", "--joint", "rh_FFJ3", "--seconds", "5"]
-for take, name in enumerate(("fit.mcap", "judge.mcap")):
+for take, name in enumerate(("fit.mcap", "validation.mcap")):
     command = twin_command("hand", *HIDDEN, "--take", str(take), "--output", name)
     subprocess.run(command, check=True)
 
@@ -20,8 +20,8 @@ for take, name in enumerate(("fit.mcap", "judge.mcap")):
 
 # %%
 hand = td.hand("shadow_hand")
-fit, judge = td.recording("fit.mcap", hand), td.recording("judge.mcap", hand)
-before = td.compare(judge, version="nominal")
+fit, validation = td.recording("fit.mcap", hand), td.recording("validation.mcap", hand)
+before = td.compare(validation, version="nominal")
 before.table()
 
 # %%
@@ -34,7 +34,7 @@ before.figure()
 # better by it.
 
 # %%
-found = td.diagnose(fit, judge, joints=["rh_FFJ3"], version="nominal")
+found = td.diagnose(fit, validation, joints=["rh_FFJ3"], version="nominal")
 found.table()
 
 # %%
@@ -45,7 +45,7 @@ found.figure()
 
 # %%
 added = td.add(finding=found)
-after = td.compare(judge, version=added.version)
+after = td.compare(validation, version=added.version)
 print(f"{before.mse_rad2:.3g} -> {after.mse_rad2:.3g} rad² on motion that nothing was fitted to")
 
 # %%

@@ -63,7 +63,7 @@ def test_everything_is_on_one_page(
     for said in (
         "Ambiguous: more than one effect", "Not sure which", "command_delay:rh_FFJ3", "0.55 to 0.65",
         "97% to 99%", "explains less: 4309 nats", "by 20 mrad rms", "a note on the diagnosis",
-        "nothing is left", "backlash:rh_FFJ1", "not judged", "None: this is the nominal model",
+        "nothing is left", "backlash:rh_FFJ1", "not tested", "None: this is the nominal model",
         "diagnosis 7", "ladder 3", "Held out motion: finger",
     ):  # fmt: skip
         assert said in page.words, said
@@ -188,7 +188,7 @@ def test_a_diagnosis_can_be_made_at_once(twin: TwinModel, tmp_path: Path) -> Non
     ("verdict", "rivals", "gain", "said"),
     [
         ("explained", [], [0.9, 0.99], "Sure, as far as these data go"),
-        ("explained", [], [-0.1, 0.4], "Weak: held-out motion or evidence"),
+        ("explained", [], [-0.1, 0.4], "Weak: the gain on validation data, or the evidence"),
         ("ambiguous", ["backlash:rh_FFJ3"], [0.9, 0.99], "Not sure which: these data do not tell it from backlash"),
         ("unexplained", [], [0.9, 0.99], "do not take it for the whole cause"),
     ],
@@ -198,7 +198,11 @@ def test_how_sure_a_finding_is_hangs_on_what_it_rests_on(
 ) -> None:
     (finding,) = diagnosis["findings"]
     read = Finding.model_validate({**finding, "confusable_with": rivals, "holdout_gain_ci95": gain})
-    assert said in how_sure(read, verdict).partition(".")[0]
+    words = how_sure(read, verdict)
+    assert said in words.partition(".")[0]
+    assert "Its probability is 97 in 100. Its evidence" in how_sure(
+        read.model_copy(update={"probability": 0.97}), verdict
+    )
 
 
 def test_what_was_made_for_another_model_is_said(bag: Path, diagnosis: dict[str, Any], tmp_path: Path) -> None:

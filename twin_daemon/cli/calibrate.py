@@ -57,7 +57,7 @@ def command(
     cluster: options.Cluster = None,
     json: options.Json = None,
 ) -> None:
-    """Fit parameters, judge them on motion they have not seen, and store a candidate version.
+    """Fit parameters, test them on validation data, and store the result as a candidate version.
 
     With --run the hand itself is driven along a trajectory, through the gate, and what it does is recorded first.
     Ctrl-C keeps the best so far. Without --holdout every third stretch of time of the recordings is held out.
@@ -274,4 +274,4 @@ def say_stored(console: Console, payload: Mapping[str, Any]) -> None:
     if payload["candidate"]:
         console.print(f"stored as candidate {short} (twin versions show {short}, twin versions promote)")
     else:
-        console.print(f"[bold]not better on motion that it has not seen[/]: stored as {short}, not as the candidate")
+        console.print(f"[bold]not better on validation data[/]: stored as {short}, not as the candidate")

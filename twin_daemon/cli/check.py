@@ -25,7 +25,7 @@ def command(
     joint_map: options.JointMap = None,
     json: options.Json = None,
 ) -> None:
-    """Judge a recording before fitting to it: its quality, and what each parameter would get from it."""
+    """Assess recordings before a fit: their quality, and how well they determine each parameter."""
     require_folder(json)
     session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)
     report = checked(session, session.recordings(recording, trajectory), space or "physical")

@@ -83,10 +83,10 @@ def _story(
     seed: int,
 ) -> dict[str, Any]:
     """What happens while both processes run. Returns what was measured."""
-    train, holdout = folder / "learn.mcap", folder / "judge.mcap"
+    train, holdout = folder / "learn.mcap", folder / "validation.mcap"
     console.print(f"[bold]2. Recording '{_LEARN}' for {seconds:.0f} s, measured against predicted, live[/bold]")
     _record(console, session, children, hand, train, seconds)
-    console.print(f"[bold]3. Another motion, '{_JUDGE}', to judge by: no fit ever sees it[/bold]")
+    console.print(f"[bold]3. Another motion, '{_JUDGE}', as validation data: no fit ever sees it[/bold]")
     children.end("hand")
     _until(session, hand, children, lambda state: state["stale"])
     _start_hand(children, _JUDGE, seed)
@@ -221,8 +221,8 @@ def _compare(console: Console, found: dict[str, Any], live_before: float | None,
     for column in ("", "before", "after", "less"):
         table.add_column(column, justify="right" if column else "left")
     rows = (
-        ("the motion it learned from", found["before"]["mse_rad2"], found["after"]["mse_rad2"]),
-        ("the motion it never saw", found["holdout_before"]["mse_rad2"], found["holdout_after"]["mse_rad2"]),
+        ("fitted motion", found["before"]["mse_rad2"], found["after"]["mse_rad2"]),
+        ("validation data", found["holdout_before"]["mse_rad2"], found["holdout_after"]["mse_rad2"]),
         ("live, all joints", live_before, live_after),
     )
     for label, before, after in rows:
@@ -234,7 +234,7 @@ def _compare(console: Console, found: dict[str, Any], live_before: float | None,
 
 
 def _next(console: Console, folder: Path, result: dict[str, Any]) -> None:
-    recording = folder / "judge.mcap"
+    recording = folder / "validation.mcap"
     console.print(f"[bold]Done in {result['seconds']:.0f} s.[/bold] All processes have ended. Try next:")
     for line in (
         f"export TWIN_STATE_DIR={folder}",

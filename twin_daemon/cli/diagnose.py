@@ -14,7 +14,7 @@ from twin_daemon.cli import options
 from twin_daemon.cli.console import emit_json, people, plain_text, progress_console
 from twin_daemon.cli.session import Session, open_session, require_folder
 from twin_daemon.cli.tables import slim_table
-from twin_daemon.diagnosis.verdict import IN_WORDS, RecordingRead
+from twin_daemon.diagnosis.verdict import IN_WORDS, RecordingRead, in_hundred
 from twin_daemon.errors import BadInput
 from twin_daemon.hand.schema import NominalUncertainty
 
@@ -73,7 +73,7 @@ def command(
     """Name the physical effects that the twin lacks, with evidence, or say that the data cannot tell.
 
     Every effect of the library is refitted where it could act, and counts only if motion that it was not fitted to
-    gets better by it. Candidates appear as they are judged; Ctrl-C keeps what is done. Nothing is stored but, where
+    gets better by it. Candidates appear as they are tested; Ctrl-C keeps what is done. Nothing is stored but, where
     the data cannot decide, a trajectory that would.
     """
     from twin_daemon.executor import on_cluster
@@ -275,8 +275,10 @@ def show_finding(console: Console, finding: Finding) -> None:
     console.print(
         f"  held out, in short pieces of its part: {finding.holdout_mse_before_rad2:.3g} -> "
         f"{finding.holdout_mse_after_rad2:.3g} rad², gain {finding.holdout_gain:.0%} "
-        f"(95 %: {low:.0%} to {high:.0%}); evidence {finding.evidence_nats:.0f} nats"
+        f"(95 %: {low:.0%} to {high:.0%})"
     )
+    probable = "" if finding.probability is None else f", probability {in_hundred(finding.probability)}"
+    console.print(f"  evidence {finding.evidence_nats:.0f} nats{probable}")
     show_free_errors(
         console,
         finding.free_holdout_mse_before_rad2,
@@ -314,7 +316,9 @@ def _show_tried(console: Console, found: Diagnosis) -> None:
         return
     best = sorted(found.tried, key=lambda trial: -trial.evidence_nats)[:_MOST_TRIED]
     table = slim_table(
-        f"what else was tried ({len(best)} of {len(found.tried)})", ("candidate", "nats", "why not"), words=("why not",)
+        f"what else was tried ({len(best)} of {len(found.tried)})",
+        ("candidate", "evidence, nats", "why not"),
+        words=("why not",),
     )
     for trial in best:
         table.add_row(plain_text(f"{trial.effect}:{trial.target}"), f"{trial.evidence_nats:.0f}", trial.lost_because)
@@ -333,6 +337,6 @@ def _how_to_go_on(found: Diagnosis) -> list[str]:
             "twin add --finding FILE.json takes this over from --json FILE.json (twin ladder adds all)"
         )
     if found.verdict == "unexplained":
-        lines.append("Look at the joints and conditions above: the cause is none that 'twin effects' lists.")
-        lines.append("What law it is instead: twin propose, with the same recordings")
+        lines.append("Look at the joints and conditions above: 'twin effects' does not list the cause.")
+        lines.append("To search for the law itself: twin propose, with the same recordings")
     return lines

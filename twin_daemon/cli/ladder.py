@@ -38,7 +38,7 @@ def command(
     cluster: options.Cluster = None,
     json: options.Json = None,
 ) -> None:
-    """Diagnose, add the strongest effect, refit, and again, until nothing helps on held-out motion.
+    """Diagnose, add the strongest effect, refit, and again, until nothing helps on validation data.
 
     The twin with all effects is stored as a candidate version. Ctrl-C keeps the steps done.
     """
@@ -158,9 +158,9 @@ def _show(payload: dict[str, Any], ladder: Ladder, json: str | None) -> None:
     raw = payload["references"]["raw_command"]["holdout_mse_rad2"]
     unseen = ladder.last_judged.holdout_mse_rad2
     if raw is not None and unseen is not None and unseen >= raw:
-        console.print("[bold]The raw command still predicts held-out motion better[/]: do not promote it")
+        console.print("[bold]The raw command still predicts validation data better[/]: do not promote it")
     for name in payload["refused"]:
-        console.print(f"{plain_text(name)} was found, but makes held-out motion no better: not added")
+        console.print(f"{plain_text(name)} was found, but the error on validation data does not fall: not added")
     for note in payload["notes"]:
         console.print(f"note: {plain_text(note)}")
     if payload["interrupted"]:

@@ -136,7 +136,7 @@ def promote(
 ) -> None:
     """Make a version current. What was current becomes previous.
 
-    One that is worse than the version in use, on data that both were judged by, is refused without --force.
+    One that is worse than the version in use, on data that both were tested on, is refused without --force.
     """
     if force and not (reason or "").strip():
         raise UsageError("--force without a reason", todo="Say why with --reason TEXT: it stands in the log")
@@ -280,7 +280,7 @@ def _print_list(console: Console, store: VersionStore, versions: Sequence[Versio
         marks += ["(shipped)"] if version.id in shipped else []
         marks += ["(stub)"] if version.id in stubs else []
         lines += [f"{version.short_id:14}{errors}  {made}", "  " + " ".join([*marks, plain_text(_titled(version))])]
-    for line in [*lines, "Errors are mean squared, in rad², each on the motion that its version was judged by."]:
+    for line in [*lines, "Errors are mean squared, in rad², each on the data of its own version."]:
         console.print(line, no_wrap=True, overflow="ellipsis", highlight=False)
 
 

@@ -68,7 +68,10 @@ def ingredients(version: Version | None, recordings: Mapping[str, Sequence[Align
         found.append(Ingredient("version (its id)", version.title or version.kind, version.id))
         if version.mjcf_sha256 is not None:
             found.append(Ingredient("the version's MJCF", "model.xml", version.mjcf_sha256))
-        for role, used in (("version fitted on", version.fitted_on), ("version judged on", version.held_out_on)):
+        for role, used in (
+            ("version fitted on", version.fitted_on),
+            ("version tested on", version.held_out_on),
+        ):
             found += [Ingredient(role, one.name, one.sha256) for one in used]
     return found
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from twin_daemon.diagnosis.thresholds import DECISIVE_NATS
-from twin_daemon.diagnosis.verdict import Diagnosis, Finding, VerdictName
+from twin_daemon.diagnosis.verdict import Diagnosis, Finding, VerdictName, in_hundred
 
 UNKNOWN = "unknown"
 
@@ -50,10 +50,11 @@ def bounds(lower: float | None, upper: float | None) -> str:
 def how_sure(finding: Finding, verdict: VerdictName) -> str:
     """The certainty of one finding under the verdict on all of them, and what it rests on."""
     low, high = finding.holdout_gain_ci95
+    probable = "" if finding.probability is None else f"Its probability is {in_hundred(finding.probability)}. "
     said = (
-        f"On motion that it was not fitted to, the error falls by {percent(finding.holdout_gain)} "
-        f"(95 % interval {percent(low)} to {percent(high)}). Its evidence over the model without it is "
-        f"{number(finding.evidence_nats, 4)} nats; {DECISIVE_NATS:g} decide between two candidates."
+        f"On validation data, to which it was not fitted, the error falls by {percent(finding.holdout_gain)} "
+        f"(95 % interval {percent(low)} to {percent(high)}). {probable}Its evidence over the model without it is "
+        f"{number(finding.evidence_nats, 4)} nats; a difference of {DECISIVE_NATS:g} decides between two candidates."
     )
     if finding.confusable_with:
         return f"Not sure which: these data do not tell it from {', '.join(finding.confusable_with)}. {said}"
@@ -61,7 +62,7 @@ def how_sure(finding: Finding, verdict: VerdictName) -> str:
         return f"It helps, but do not take it for the whole cause: something is left that it does not explain. {said}"
     if low > 0 and finding.evidence_nats > DECISIVE_NATS:
         return f"Sure, as far as these data go: no other candidate explains them as well. {said}"
-    return f"Weak: held-out motion or evidence does not stand clear of chance. {said}"
+    return f"Weak: the gain on validation data, or the evidence, may be chance. {said}"
 
 
 def left_over(diagnosis: Diagnosis) -> list[str]:
@@ -69,6 +70,6 @@ def left_over(diagnosis: Diagnosis) -> list[str]:
     lines = []
     for name, part in diagnosis.parts.items():
         start = f"{name}: {number(part.times_floor)} times the floor at the start"
-        end = f"{number(part.left_times_floor)} times what a right model leaves on held-out motion in the end"
+        end = f"{number(part.left_times_floor)} times what a right model leaves on validation data in the end"
         lines.append(f"{start}: within the floor, nothing was searched" if part.within_floor else f"{start}, and {end}")
     return lines

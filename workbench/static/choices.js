@@ -18,7 +18,7 @@ export const versionText = (version) => [version.id.slice(0, 12), (version.title
 async function recordings() {
   known.recordings = (await read("/api/recordings")).recordings;
   const options = known.recordings.map((one) => [one.id, `${one.name}, ${size(one.bytes)}, ${new Date(1e3 * one.modified_s).toLocaleString()}`]);
-  fill(element("learn-holdout"), [["", "stretches of the same that are held out"], ...options]);
+  fill(element("learn-holdout"), [["", "every third stretch of the recording"], ...options]);
   for (const id of ["recording", "learn-recording"])
     fill(element(id), options.length ? [["", "choose one"], ...options] : [["", "none yet: keep the last minutes, or start with --recording"]]);
 }

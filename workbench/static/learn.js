@@ -82,7 +82,7 @@ async function look() {
   const about = `${NAMES[latest.kind]} of ${latest.about.recording}${latest.about.effect ? `, ${latest.about.effect} at ${latest.about.joint},` : ""}`;
   element("job-status").textContent = {
     running: `${about} is running: ${latest.count} lines so far.`, done: `${about} has ended after ${latest.seconds.toFixed(0)} s.`,
-    failed: `${about} failed: ${latest.error}`, stopped: `${about} was stopped before anything was judged.`,
+    failed: `${about} failed: ${latest.error}`, stopped: `${about} was stopped before anything was tested.`,
   }[latest.status];
   for (const [index, kind] of KINDS.entries()) {
     const one = found[index], state = `${one.number} ${one.status}`;
@@ -124,18 +124,18 @@ const ended = {
   },
   async add(result) {
     const chart = made("div"), { before, after, holdout_before: heldBefore, holdout_after: heldAfter } = result, found = result.finding;
-    const change = (from, to) => (from.mse_rad2 === null || to.mse_rad2 === null ? "not judged"
+    const change = (from, to) => (from.mse_rad2 === null || to.mse_rad2 === null ? "not tested"
       : `${number(from.mse_rad2)} → ${number(to.mse_rad2)} rad² (${milli(Math.sqrt(from.mse_rad2))} → ${milli(Math.sqrt(to.mse_rad2))} mrad)`);
     const worse = heldAfter.mse_rad2 !== null && heldAfter.mse_rad2 >= heldBefore.mse_rad2;
     element("added").replaceChildren(
       made("h3", {}, `${result.effect} at ${result.targets.join(", ")}`),
       made("ul", {}, made("li", {}, `Fitted motion, one free roll-out of the whole hand: ${change(before, after)}`),
-        made("li", {}, `Held-out motion, one free roll-out of the whole hand: ${change(heldBefore, heldAfter)}`),
+        made("li", {}, `Validation data, one free roll-out of the whole hand: ${change(heldBefore, heldAfter)}`),
         ...(result.holdout_joints_after.mse_rad2 === null ? [] : [made("li", {}, `The same over its joints: ${change(result.holdout_joints_before, result.holdout_joints_after)}`)]),
-        ...(found ? [made("li", {}, `Held-out motion, in short pieces of its part: ${change({ mse_rad2: found.holdout_mse_before }, { mse_rad2: found.holdout_mse_after })}`)] : []),
+        ...(found ? [made("li", {}, `Validation data, in short pieces of its part: ${change({ mse_rad2: found.holdout_mse_before }, { mse_rad2: found.holdout_mse_after })}`)] : []),
         ...Object.entries(result.parameters).map(([name, one]) => made("li", {}, `${name} = ${number(one.value, 4)} ${one.unit} (95 %: ${number(one.ci95[0])} to ${number(one.ci95[1])})${one.at_bound ? ", on its bound" : ""}`)),
         ...(result.notes ?? []).map((note) => made("li", { className: "soft" }, note))),
-      made("p", {}, made("strong", {}, worse ? "Not better on motion it has not seen: do not promote it. " : "Better on motion it has not seen. "),
+      made("p", {}, made("strong", {}, worse ? "Not better on validation data: do not promote it. " : "Better on validation data. "),
         `Stored as candidate ${result.version.slice(0, 12)}; it is used only if it is promoted. `, promoting(result.version), " ", exporting(result.version)), chart);
     await afterwards(result.version, chart, null);
   },

@@ -116,7 +116,7 @@ function about(known) {
   const said = {
     version, drift: known.drift ? known.drift + (drifting.length ? `: ${drifting.join(", ")}` : "") : "unknown",
     gate: known.gate ?? "none", "next recalibration": known.recalibration ?? "unknown", rate: known.rate_hz ? `${number(known.rate_hz, 4)} Hz` : "unknown",
-    "99 of 100 predictions out within": known.latency_p99_s ? `${milli(known.latency_p99_s)} ms` : "unknown",
+    "p99 latency": known.latency_p99_s ? `${milli(known.latency_p99_s)} ms` : "unknown",
     missing: known.missing ?? 0, late: known.late ?? 0, refused: known.refused, errors: known.errors ?? 0,
   };
   element("about").replaceChildren(...Object.entries(said).map(([name, value]) =>
