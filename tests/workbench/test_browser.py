@@ -66,6 +66,7 @@ def test_the_story(workbench: Any, processes: Twin, browser: Browser, worn: Path
     rows = "[...document.querySelectorAll('#joints tr')].map((row) => [...row.children].map((one) => one.textContent))"
     first = {row[0]: row[1] for row in tab.run(rows)}
     assert len(first) == 24
+    assert not tab.run("document.getElementById('release-name').checkVisibility()")  # only after a stop
     tab.until(f"{rows}.some(([name, value]) => ({json.dumps(first)})[name] !== value)")
 
     tab.key("s")
