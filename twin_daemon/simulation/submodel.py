@@ -38,26 +38,14 @@ def parts(twin: TwinModel) -> tuple[Part, ...]:
     # a trunk joint carries joints of at least two branches that do not carry each other
     forks = {a for a, carried in above.items() if _branches(carried, bodies, ancestors)}
     trunk = {a for a, carried in above.items() if a in forks or forks & set(carried)}
-    parent = {name: name for name in bodies}
-
-    def root(name: str) -> str:
-        while parent[name] != name:
-            name = parent[name]
-        return name
-
-    for a, carried in above.items():
-        for b in carried:
-            if a not in trunk and b not in trunk:
-                parent[root(b)] = root(a)
-    for driven in twin.driven:
-        together = [name for name in driven if name not in trunk]
-        for b in together[1:]:
-            parent[root(b)] = root(together[0])
+    free = [name for name in twin.joints if name not in trunk]
+    driven = [set(names) for names in twin.driven]
+    related = [[b in above[a] or any({a, b} <= names for names in driven) for b in free] for a in free]
     found = []
     if trunk:
         found.append(Part("trunk", tuple(n for n in twin.joints if n in trunk), ()))
-    for head in dict.fromkeys(root(name) for name in twin.joints if name not in trunk):
-        members = tuple(n for n in twin.joints if n not in trunk and root(n) == head)
+    for places in _connected(related):
+        members = tuple(free[place] for place in places)
         under = [n for n in trunk if any(bodies[n] in ancestors[m] for m in members)]
         base_first = tuple(sorted(under, key=lambda n: (len(ancestors[n]), n)))
         found.append(Part(_part_name(twin, members), members, base_first))
@@ -87,12 +75,15 @@ def linked(twin: TwinModel, groups: Sequence[Sequence[str]]) -> list[list[int]]:
     model = twin.model
     bodies = [{int(model.dof_bodyid[twin.dof_adr[twin.joints.index(joint)]]) for joint in joints} for joints in groups]
     above = [{up for body in own for up in upwards(model, body)} for own in bodies]
-    count = len(groups)
-    carries = np.array(
-        [[bool(bodies[a] & above[b] or bodies[b] & above[a]) for b in range(count)] for a in range(count)]
-    )
-    number, label = connected_components(carries.reshape(count, count), directed=False)
-    return [[index for index in range(count) if label[index] == which] for which in range(number)]
+    return _connected([[bool(own & up) for up in above] for own in bodies])
+
+
+def _connected(related: Sequence[Sequence[bool]]) -> list[list[int]]:
+    """Places of what is related, directly or by others, the first of each group first; rows (n, n) of a relation."""
+    count = len(related)
+    number, label = connected_components(np.array(related, bool).reshape(count, count), directed=False)
+    groups = [[place for place in range(count) if label[place] == which] for which in range(number)]
+    return sorted(groups)
 
 
 def _part_name(twin: TwinModel, members: tuple[str, ...]) -> str:
