@@ -141,7 +141,7 @@ def value_interval(fit: Fit, index: int, variable: EffectVariable, sigma: float)
     """
     value = variable.value(fit.point[index])
     least = (TORQUE_FLOOR if "N m" in variable.unit else VALUE_FLOOR) * abs(value)
-    return widened(variable, fit.point[index], sigma, max(least, 1.96 * _nominal_sigma(fit, variable)))
+    return widened(variable, fit.point[index], sigma, max(least, Z95 * _nominal_sigma(fit, variable)))
 
 
 def stands_out(fit: Fit) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from twin_daemon.estimation.thresholds import PARAMETER_SIGMA, Count, Threshold
+from twin_daemon.estimation.thresholds import PARAMETER_SIGMA, Z95, Count, Threshold
 
 # -- candidates and their fits -------------------------------------------------------------------------------
 
@@ -84,7 +84,6 @@ ADEQUACY_SLOPE = Threshold(
 ADEQUATE_FLOORS = Threshold(3.0, "floors", "held-out mean square up to which a model is right: wrong effects leave 9")
 RELATIVE_ERROR = Threshold(0.06, "1", "of a joint's error that a right effect may leave: wrong ones leave a fifth")
 AS_BEFORE = Threshold(1.5, "1", "times what a joint left that fitted well: it may not get worse by more")
-BLOCK_S = Threshold(0.75, "s", "of motion in one block of a bootstrap: longer than residuals are correlated")
 FORGIVEN_OFFSET_SIGMA = Threshold(2.0, "sigma", "of a constant offset on held-out motion, not held against a model")
 
 # -- how sure an effect's value is ---------------------------------------------------------------------------
@@ -93,7 +92,7 @@ VALUE_FLOOR = Threshold(
     0.05, "1", "of an effect's value: the least half-width of its interval; plants of other form were 3 % off"
 )
 TORQUE_FLOOR = Threshold(
-    1.96 * 0.5 * PARAMETER_SIGMA, "1", "of a torque: seen as a part of the servo's stiffness, by the hidden suite"
+    Z95 * 0.5 * PARAMETER_SIGMA, "1", "of a torque: seen as a part of the servo's stiffness, by the hidden suite"
 )
 
 # -- the next experiment -------------------------------------------------------------------------------------

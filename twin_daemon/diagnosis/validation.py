@@ -9,9 +9,9 @@ import numpy as np
 
 from twin_daemon.diagnosis.fit import Fit
 from twin_daemon.diagnosis.part_fit import PartFit
-from twin_daemon.diagnosis.thresholds import ADEQUATE_FLOORS, AS_BEFORE, BLOCK_S, FORGIVEN_OFFSET_SIGMA, RELATIVE_ERROR
+from twin_daemon.diagnosis.thresholds import ADEQUATE_FLOORS, AS_BEFORE, FORGIVEN_OFFSET_SIGMA, RELATIVE_ERROR
 from twin_daemon.estimation.thresholds import OFFSET_FLOORS
-from twin_daemon.estimation.uncertainty import block_gain, sample_squares
+from twin_daemon.estimation.uncertainty import block_gain, block_samples, sample_squares
 from twin_daemon.simulation.alignment import Aligned
 
 
@@ -63,7 +63,7 @@ class Validation:
         base = part.held_out(part.base, holdout)
         self.allowed = self._allowed(base) if first is None else first.allowed
         self._before[(), False] = base
-        self._block = max(1, int(BLOCK_S / float(np.median(np.diff(holdout[0].time_s)))))
+        self._block = block_samples(holdout[0].time_s)
 
     def judge(self, fit: Fit) -> HeldOut:
         """Compares a fit with the nuisances alone, both as fitted, on the held-out recordings.

@@ -118,6 +118,7 @@ IDENTIFIABLE_SHARE = Threshold(0.1, "1", "of a uniform belief's width: a narrowe
 WEAK_SHARE = Threshold(0.5, "1", "of it: a narrower one is called weak, a wider one not identifiable")
 CONFUSED_CORRELATION = Threshold(0.9, "1", "of two values' errors from which they are said to trade off")
 RELATIVE_FLOOR = Threshold(0.01, "1", "of the value: the narrowest half-width of an interval, by measured coverage")
+BLOCK_S = Threshold(0.75, "s", "of motion in one block of a bootstrap: longer than residuals are correlated")
 SATURATED_SHARE = Threshold(0.02, "1", "of the samples beyond an actuator's range: the recording is said to saturate")
 
 # -- searches ------------------------------------------------------------------------------------------------

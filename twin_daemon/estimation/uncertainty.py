@@ -11,6 +11,7 @@ from twin_daemon.estimation.problem import Problem
 from twin_daemon.estimation.solvers.least_squares import jacobian
 from twin_daemon.estimation.solvers.tracker import Tracker
 from twin_daemon.estimation.thresholds import (
+    BLOCK_S,
     BOX_INFORMATION,
     CONFUSED_CORRELATION,
     EXPECTED_CORRELATION_S,
@@ -143,6 +144,11 @@ def sample_squares(residuals: Sequence[np.ndarray], known: Sequence[np.ndarray])
     Both are (n, k) a recording, 0 where a joint was not measured; samples at which nothing was measured are left out.
     """
     return np.concatenate([(r**2).mean(axis=1)[k.any(axis=1)] for r, k in zip(residuals, known, strict=True)])
+
+
+def block_samples(time_s: np.ndarray) -> int:
+    """How many samples of a recording at times (n,) s are one block of a bootstrap."""
+    return max(1, int(BLOCK_S / float(np.median(np.diff(time_s)))))
 
 
 def block_gain(before: np.ndarray, after: np.ndarray, block: int, seed: int, draws: int = 400) -> tuple[float, float]:

@@ -8,12 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
-from twin_daemon.diagnosis.thresholds import BLOCK_S
 from twin_daemon.estimation.nuisances import carried_over, nuisance_variables
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.estimation.posterior import Posterior, floor_and_corrections
 from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
-from twin_daemon.estimation.uncertainty import block_gain, sample_squares
+from twin_daemon.estimation.uncertainty import block_gain, block_samples, sample_squares
 from twin_daemon.estimation.variables import OnsetVariable
 from twin_daemon.estimation.windows import spread
 from twin_daemon.executor import TimeLimit, concurrently
@@ -270,7 +269,7 @@ class JointSearch:
         """The evidence of a law that has been fitted, and its gain on held-out motion; `freedom` are its values."""
         before, after = self._held(None, self.alone.point), self._held(problem, reached.point)
         total_before, total_after = float(before.mean()), float(after.mean())
-        block = max(1, int(BLOCK_S / float(np.median(np.diff(self.held[0].time_s)))))
+        block = block_samples(self.held[0].time_s)
         count = max(problem.effective_samples, 2.0)
         alone = count * float(np.log(max(self.alone.cost / count, 1.0)))
         with_law = count * float(np.log(max(reached.cost / count, 1.0)))

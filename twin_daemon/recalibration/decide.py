@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin_daemon.comparison.noise import noise_variance
-from twin_daemon.estimation.uncertainty import Estimate, block_gain
+from twin_daemon.estimation.uncertainty import Estimate, block_gain, block_samples
 from twin_daemon.recalibration.clear_errors import clear_residuals
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
 
-_BLOCK_S = 0.75
 _NOISES = 3.0  # a joint may get worse by so many variances of its sensor's noise
 _MOVED = 0.01  # a value that was on its bound and stays there has not been driven to it
 
@@ -44,7 +43,7 @@ def decide(
 ) -> Decision:
     """Compares two twins on held-out recordings. `started` are the parameters' values before the fit."""
     old, new, joints, noise = _squared(before, after, held)
-    block = max(1, int(_BLOCK_S / float(np.median(np.diff(held[0].time_s)))))
+    block = block_samples(held[0].time_s)
     overall = np.nanmean(old, axis=1), np.nanmean(new, axis=1)
     low, high = block_gain(*overall, block, seed)
     worse = []
