@@ -19,7 +19,7 @@ Result = TypeVar("Result")
 
 
 def seconds_by_candidate(recording: Path, finger: str = "FF") -> dict[str, tuple[float | None, ...]]:
-    """Seconds of the processor by effect: looked at, rolled out, fitted first, fitted on all motion.
+    """Seconds of the processor by effect: screened, rolled out, first fit, full fit on all motion.
 
     At the first place of the finger where the effect can act; None where it has nothing to start from.
     """

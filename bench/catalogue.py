@@ -36,8 +36,9 @@ BENCHMARKS = (
         "searches",
         f"Least squares of `twin calibrate` and other searches over the same objective: {_CLOSING}, second approach.",
         searches,
-        "cma minimises the logarithm of the error. As it comes it has as many roll-outs as least squares took; "
-        "tuned, a population of 30 and twice as many. scikit-optimize has 60. Our time is that of all of `twin "
+        "cma minimises the logarithm of the error. With its default settings it has as many roll-outs as least "
+        "squares took; tuned, a population of 30 and twice as many. scikit-optimize has 60. Our time is that of all "
+        "of `twin "
         "calibrate`, the others' that of the search; the runs of one search follow each other, so that times say "
         "less than elsewhere.",
     ),

@@ -40,10 +40,11 @@ def main() -> None:
     timed = next(case for case in next(iter(under.values())) if case.kind == "single")
     lines = [_INTRODUCTION, *table(under, arguments.folder), "", "## Time by candidate", ""]
     lines += [
-        f"Seconds of the processor at one place, `{timed.hidden[0]}` hidden: looked at along its secants, rolled out",
-        "from its best start, fitted roughly, fitted on all motion. A diagnosis does the last two only for the best.",
+        f"Seconds of the processor for each candidate at one place, with `{timed.hidden[0]}` hidden: screened along",
+        "its secants, rolled out from its best start, the first fit, and the full fit on all motion. A diagnosis does",
+        "the last two only for the best.",
         "",
-        "| effect | looked at | rolled out | roughly | on all motion |",
+        "| effect | screened | rolled out | first fit | full fit |",
         "|---|---|---|---|---|",
     ]
     for key, steps in seconds_by_candidate(arguments.folder / f"{timed.name}-fit.mcap").items():

@@ -57,7 +57,7 @@ squared position errors in rad² over the joints of the table, the onset of the 
   So the two starts differ: the same stiffness, spring, friction and damping, but not the same error. A lower error
   here is therefore no proof of a better search; the searches of one table here can be compared with each other.
 - Its simulation ran in real time beside ROS and matched samples by the nearest stamp. Here the command begins where
-  it fits the roll-out best, and the prediction is interpolated. The raw command and the model as it comes get the
+  it fits the roll-out best, and the prediction is interpolated. The raw command and the nominal model get the
   same right.
 - Its bounds reach below zero at the thumb (200 %). Here friction and damping end at what exists.
 - Fingers share one value a joint class, since the tables speak of FJ1, FJ2 and FJ3.
@@ -87,7 +87,7 @@ def _table(name: str, reported: Reported, space: Mapping[str, Any]) -> list[str]
     out = [f"## {reported.title} (table {reported.table})", ""]
     out += [
         f"{space['parameters']} parameters over {len(space['joints'])} joints. The space's start scores "
-        f"{space['start_rad2']:.3g} here and {reported.start_rad2:.4g} there; the model as it comes "
+        f"{space['start_rad2']:.3g} here and {reported.start_rad2:.4g} there; the nominal model "
         f"{space['nominal_rad2']:.3g}, the raw command {space['raw_command_rad2']:.3g}.",
         "",
     ]

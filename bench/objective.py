@@ -71,7 +71,7 @@ class Objective:
 
 
 def gaussian_process(calls: int, seconds: float, seed: int) -> Search:
-    """scikit-optimize's `gp_minimize` as it comes, over all dimensions, until so many calls or seconds."""
+    """scikit-optimize's `gp_minimize` with default settings, over all dimensions, until so many calls or seconds."""
 
     def search(tracker: Tracker) -> None:
         from skopt import gp_minimize

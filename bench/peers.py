@@ -59,7 +59,7 @@ def _closing(space: str) -> Objective:
 
 
 def sysid(quick: bool, seed: int) -> Sequence[Row]:
-    """mujoco.sysid as it comes and tuned, each in turn with `twin calibrate`."""
+    """mujoco.sysid with its default settings and tuned, each in turn with `twin calibrate`."""
     space, rounds, iterations = "second-approach", 1 if quick else 2, 3 if quick else 200
     objective = _closing(space)
     ours: list[_Ours] = []
@@ -70,7 +70,7 @@ def sysid(quick: bool, seed: int) -> Sequence[Row]:
             theirs[tuned].append(run_sysid(objective, tuned=tuned, most_iterations=iterations))
     rows = []
     for tuned, runs in theirs.items():
-        label = "tuned" if tuned else "as it comes"
+        label = "tuned" if tuned else "default settings"
         told = f"{runs[0].unbounded} of its {runs[0].intervals} intervals are infinite; {runs[0].roll_outs} roll-outs"
         rows.append(ratio_row(f"{label}: error fitted", [o.fit.after_rad2 for o in ours],
                               [r.after_rad2 for r in runs], unit="rad²", most=1.0, note=told))  # fmt: skip
@@ -102,7 +102,7 @@ def searches(quick: bool, seed: int) -> Sequence[Row]:
     budget = 60 if quick else ours[0].fit.evaluations
     rows = []
     peers: tuple[tuple[str, Callable[[int], Search], int | None], ...] = (
-        ("cma, as it comes", lambda number: _cma(None, number), budget),
+        ("cma, default settings", lambda number: _cma(None, number), budget),
         ("cma, tuned", lambda number: _cma(30, number), 2 * budget),
         ("scikit-optimize", lambda number: gaussian_process(20 if quick else _GP_CALLS, 600.0, number), None),
     )

@@ -34,7 +34,7 @@ class SysidRun:
 
 
 def run_sysid(objective: Objective, *, tuned: bool, most_iterations: int = 200) -> SysidRun:
-    """The toolbox as it comes on the model as it comes; or tuned, as somebody would who knows both.
+    """The toolbox with its default settings on the nominal model; or tuned, as somebody would who knows both.
 
     Tuned, the best of what was tried: the sub-model without what does not move, residuals in rad instead of shares of
     a signal's norm (what is judged is rad), and scaled parameters. A free delay of the sensors, a start off the

@@ -131,9 +131,9 @@ def draw(rows: Sequence[Week], path: Path) -> None:
 _PAGE = """# Weeks of wear
 
 Made by `python -m bench.wear --page docs/wear.md`. A finger of the stand-in hand wears from week to week; each week it
-is recorded for 16 s. One twin follows (recalibrated from its own last version), one is calibrated anew from the model
-as it comes, one is never recalibrated after week 0. Errors in rad² on other motion of the same week, that no fit has
-seen.
+is recorded for 16 s. Three twins are compared: one *follows* (recalibrated from its own last version), one is
+calibrated *anew* from the nominal model, and one is *never* recalibrated after week 0. Errors are in rad², on
+validation data: other motion of the same week.
 
 ![errors and their ratios by week](pictures/wear.svg)
 
