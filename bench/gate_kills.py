@@ -183,6 +183,8 @@ def latency(times: int = 500) -> tuple[list[float], dict[str, float]]:
                 while len(scene.moves) == before and time.monotonic() < asked_s + 1.0:
                     time.sleep(0.0002)
                 found.append(scene.moves[before][0] - asked_s if len(scene.moves) > before else 1.0)
+                if found[-5:] == [1.0] * 5:
+                    raise NothingMoves(f"the gate: {commander.status()['ended']}")
             publisher.undeclare()
             return found, commander.status()["cost"]
         finally:
@@ -194,6 +196,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--times", type=int, default=50, help="in all, shared between the kinds of loss")
     parser.add_argument("--rate", type=int, nargs="+", default=[125, 1000], help="joint states a second, taken in turn")
+    parser.add_argument("--loopback", action="store_true", help="make no network of its own, and cut none")
     arguments = parser.parse_args()
     print(f"load average {os.getloadavg()[0]:.1f}, {os.cpu_count()} cores")
     for _ in range(3):
@@ -208,9 +211,9 @@ def main() -> None:
     turn_ms = 1e3 / SETTINGS.rate_hz
     print(f"operator to hand: p50 {half:.1f}, p99 {most:.1f} ms of {len(delays)} targets; a turn is {turn_ms:.0f} ms")
     losses = [f"{who} {how}" for who in ("commander", "daemon", "hand") for how in ("killed", "stopped")]
-    with namespace() as netns:
+    with contextlib.nullcontext() if arguments.loopback else namespace() as netns:
         if netns is None:
-            print("network: no namespace to be had on this machine, not cut")
+            print("network: not cut" if arguments.loopback else "network: no namespace to be had here, not cut")
         else:
             losses.append("network cut")
         found: dict[str, list[float]] = defaultdict(list)

@@ -37,6 +37,7 @@ class Drive:
         self._limits, self._settings, self._senses, self._trips = limits, settings, senses, trips
         self._ended = ended
         self._path = Path(len(limits.names))
+        self._rest = np.full(len(limits.names), np.nan)
         self.shaper = Shaper(limits)
         self.motion: Motion | None = None
         self.letting_go: LetGo | None = None
@@ -88,7 +89,7 @@ class Drive:
 
     def advance(self, dt_s: float, now_s: float) -> str | None:
         """One turn. Returns a word where something comes to its end: DONE, or what has not gone back all the way."""
-        shaper, rest = self.shaper, np.full(len(self._limits.names), np.nan)
+        shaper, rest = self.shaper, self._rest
         motion, word = self.motion, None
         if self.letting_go is None:
             position, velocity = shaper.toward(rest if motion is None else motion.advance(dt_s), dt_s)
@@ -100,7 +101,7 @@ class Drive:
                 word = self.letting_go.not_back(self._limits.names, shaper.position)
                 self.letting_go = None
                 self._trips.forget()
-        if motion is not None and velocity.any():
+        if motion is not None and np.count_nonzero(velocity):
             now = self.start()
             then = np.where(shaper.given, shaper.stopping(position, velocity), now)
             trip = in_the_way(self._preview, self._trips, self._senses.pose, now, then)

@@ -30,6 +30,7 @@ class Expected:
         self._twin = coarse if _is_stable(coarse.model) else twin
         self._model = self._twin.model
         self._data = mujoco.MjData(self._model)
+        self._ctrl, self._qpos = self._data.ctrl, self._data.qpos  # views, as below
         numbers = self._data.warning.number  # a view: to ask for it costs as much as to look at it
         self._failed = numbers[int(_WARNINGS[0]) : int(_WARNINGS[-1]) + 1]
         self._step_s = float(self._model.opt.timestep)
@@ -81,7 +82,7 @@ class Expected:
         if steps:
             self._due_s -= steps * self._step_s
             mujoco.mj_step(self._model, self._data, nstep=steps)
-        if self._failed.any():
+        if np.count_nonzero(self._failed):
             self.forget()
         else:
             self._read()
@@ -94,10 +95,10 @@ class Expected:
             if len(self._told) >= _MOST_KEPT:
                 self._told.clear()
             told = self._told[which] = self._driven & ~self._mapping[:, ~given].any(axis=1)
-        self._data.ctrl[told] = (self._mapping @ np.where(given, setpoint, 0.0))[told]
+        np.copyto(self._ctrl, self._mapping @ np.where(given, setpoint, 0.0), where=told)
 
     def _read(self) -> None:
-        angle = self._data.qpos[self._twin.qpos_adr]
+        angle = self._qpos[self._twin.qpos_adr]
         reading = angle * self._gain + self._offset_rad + self._twin.measurement.added(self._twin.joints, angle)
         self.reading = np.add.reduceat(reading[self._parts], self._firsts)
 

@@ -21,15 +21,15 @@ class Path:
         self._proven = np.zeros(count, dtype=bool)
 
     def add(self, setpoint: np.ndarray, measured: np.ndarray) -> None:
-        fresh = np.isnan(self._sent)
-        if fresh.any():
+        fresh = np.isnan(self._sent) & np.isfinite(setpoint)
+        if np.count_nonzero(fresh):
             self._sent[fresh], self._read[fresh] = setpoint[fresh], measured[fresh]
         np.fmin(self._low, setpoint, out=self._low)
         np.fmax(self._high, setpoint, out=self._high)
         sent = setpoint - self._sent
         way = np.abs(sent)
         far = (way >= _PROOF_RAD) & ~self._proven
-        if far.any():
+        if np.count_nonzero(far):
             went = np.sign(sent) * (measured - self._read)
             self._proven |= far & (went >= _PROOF_RAD) & (went <= 2.0 * way)
 

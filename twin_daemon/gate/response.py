@@ -65,7 +65,7 @@ class Response:
         _, expected, before = self._past[0]
         self._should, self._did = self._expected - expected, measured - before
         odd = self._odd(self._least, _SHOULD_RAD)
-        was_off, self.off = self.off, odd is not None and bool(odd.any())
+        was_off, self.off = self.off, odd is not None and bool(np.count_nonzero(odd))
         if not self.off or odd is None:
             if was_off:
                 self._odd_s[:] = np.nan
@@ -96,7 +96,7 @@ class Response:
         where it has not moved."""
         way = np.abs(self._should)
         moves = way >= against_rad
-        if not moves.any():  # `still_rad` is never less
+        if not np.count_nonzero(moves):  # `still_rad` is never less
             return None
         odd = np.empty((2, len(self._names)), dtype=bool)
         np.logical_and(way >= still_rad, np.abs(self._did) <= self._blur, out=odd[0])

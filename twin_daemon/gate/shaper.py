@@ -21,6 +21,8 @@ class Shaper:
         self._limits = limits
         self._twice_acceleration = 2.0 * limits.acceleration
         self._room = np.empty((3, len(limits.names)))
+        self._dt_s = np.nan  # of the last turn; most are as long
+        self._change = self._squared = np.zeros(len(limits.names))
         self.forget()
 
     def begin(self, position: np.ndarray) -> None:
@@ -47,33 +49,36 @@ class Shaper:
 
     def toward(self, target: np.ndarray, dt_s: float) -> tuple[np.ndarray, np.ndarray]:
         """Position and velocity one turn later, towards `target` (c,); NaN there means: come to rest."""
-        limits, velocity, given = self._limits, self.velocity, self.given
-        change = limits.acceleration * dt_s
+        limits, velocity = self._limits, self.velocity
+        if dt_s != self._dt_s:
+            self._dt_s, self._change = dt_s, limits.acceleration * dt_s
+            self._squared = self._change * self._change
+        change = self._change
         aims = np.isfinite(target)
         away = np.where(aims, target - self.position, 0.0)
         room = self._room  # to the target, and to either bound
         np.abs(away, out=room[0])
         np.subtract(self.position, limits.lower, out=room[1])
         np.subtract(limits.upper, self.position, out=room[2])
-        to_target, to_lower, to_upper = self._braking(room, change)
+        to_target, to_lower, to_upper = self._braking(room)
         wanted = np.copysign(np.minimum(to_target, limits.velocity), away)
         wanted = np.minimum(np.maximum(wanted, velocity - change), velocity + change)
         # a target may have turned round; the bounds of the joint are still never passed
         wanted = np.minimum(np.maximum(wanted, -to_lower), to_upper)
-        wanted = np.where(given, wanted, 0.0)
+        wanted = np.where(self.given, wanted, 0.0)
         position = limits.clip(self.position + wanted * dt_s)
         # the last nanoradian, which would otherwise be halved for ever
         near = aims & (room[0] <= _THERE_RAD)
-        if near.any():
+        if np.count_nonzero(near):
             there = near & (np.abs(velocity) <= change)
             position, wanted = np.where(there, limits.clip(target), position), np.where(there, 0.0, wanted)
-        return np.where(given, position, np.nan), wanted
+        return position, wanted  # NaN stays NaN where none is given
 
     def take(self, position: np.ndarray, velocity: np.ndarray) -> None:
         """Makes what `toward` proposed the setpoints."""
         self.position, self.velocity = position, velocity
-        self.still = not velocity.any()
+        self.still = not np.count_nonzero(velocity)
 
-    def _braking(self, distance: np.ndarray, change: np.ndarray) -> np.ndarray:
-        """The greatest v with v dt + v^2 / 2a <= distance, for a dt = `change`; 0 where there is no room."""
-        return np.sqrt(change * change + self._twice_acceleration * np.fmax(distance, 0.0)) - change
+    def _braking(self, distance: np.ndarray) -> np.ndarray:
+        """The greatest v with v dt + v^2 / 2a <= distance, for this turn's dt; 0 where there is no room."""
+        return np.sqrt(self._squared + self._twice_acceleration * np.fmax(distance, 0.0)) - self._change

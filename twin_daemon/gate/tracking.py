@@ -64,7 +64,7 @@ class Tracking:
         self._allowed = np.minimum(self._ratio * lag + self.floor, self._most_rad)
         self._away = np.abs(setpoint - measured)
         off = self._away > self._allowed
-        was_off, self.off = self.off, bool(off.any())
+        was_off, self.off = self.off, bool(np.count_nonzero(off))
         if not self.off:
             if was_off:
                 self._off_s[:] = np.nan

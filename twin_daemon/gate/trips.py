@@ -20,7 +20,7 @@ PRESSES = frozenset({"tracking", "frozen", "wrong_way", "too_far", "effort", "st
 """Kinds of trips after which the hand lets go. Not where a reading cannot be: then none is believed."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False, slots=True)
 class Turn:
     """What a turn of the gate sees. By command (c,): where the hand is sent and is, rad, NaN where unknown."""
 
@@ -112,6 +112,8 @@ class Trips:
         return Trip("commander", f"the commander has been silent for {turn.commander_silent_s:.2f} s")
 
     def _hand(self, turn: Turn) -> Trip | None:
+        if not np.count_nonzero(turn.age_s > self._settings.state_timeout_s):
+            return None
         age_s = np.where(np.isfinite(turn.setpoint), turn.age_s, 0.0)
         worst = int(np.argmax(age_s))
         if age_s[worst] <= self._settings.state_timeout_s:
