@@ -46,6 +46,7 @@ class Watch:
         self._row = np.full(len(limits.names), np.nan)
         self._first = np.full(len(limits.names), np.nan)
         self._velocity = np.zeros(len(limits.names))
+        self._slack = 0.0  # rad/s: what rounding made of the last velocity
         self._stamp_ns = 0
         self.sent = 0
 
@@ -101,8 +102,10 @@ class Watch:
             slack = _EPS / dt_s
             assert (np.abs(velocity) <= self._limits.velocity + slack).all(), "too fast"
             change = np.abs(velocity - self._velocity)
-            assert (change <= self._limits.acceleration * dt_s * (1 + 1e-6) + 2 * slack).all(), "too sudden"
-            self._velocity = velocity
+            # a nanoradian's rounding in a turn of 10 us is 1e-4 rad/s, there and in the turn that follows
+            most = self._limits.acceleration * dt_s * (1 + 1e-6) + slack + max(slack, self._slack)
+            assert (change <= most).all(), "too sudden"
+            self._velocity, self._slack = velocity, slack
         else:
             assert np.array_equal(row[given], before[given]), "moved in no time"
         self._first = np.where(given & ~np.isfinite(self._row), start, self._first)
