@@ -14,7 +14,7 @@ from twin_daemon.cli.options import HandName, Json, Model
 from twin_daemon.cli.run import AUDIT, Namespace, hand_folder, load_named
 from twin_daemon.errors import BadInput
 
-app = Group("Who asked what of the hand, what was answered, and whether the log of it is whole.")
+app = Group("The audit log: who asked for what, what was answered, and whether the log is intact.")
 
 File = Annotated[Path | None, typer.Argument(metavar="[FILE]", help="Default: the log of this hand's daemon.")]
 

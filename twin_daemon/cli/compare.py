@@ -28,8 +28,8 @@ def command(
 ) -> None:
     """Roll the twin out under the recorded commands and say where it differs from the measurement.
 
-    Beside it stand the raw command and the last promoted version as predictors, and the noise floor of the
-    sensors: what lies between them and the twin is what a better model can still explain.
+    The raw command and the last promoted version stand beside it as predictors to compare with, and the noise floor
+    of the sensors as what no model can go below.
     """
     from twin_daemon.comparison.report import comparison_report
 

@@ -14,7 +14,9 @@ from twin_daemon.cli.options import HandName, Json, Model
 from twin_daemon.cli.run import Namespace, hand_folder, load_named
 from twin_daemon.errors import BadInput
 
-app = Group("Whether the twin may move the hand by itself (recalibration.mode: active). Given at this machine alone.")
+app = Group(
+    "Consent to motion that the twin begins by itself (recalibration.mode: active), given on this machine only."
+)
 
 
 @app.command("give")

@@ -40,7 +40,7 @@ def command(
     seed: Seed = 7,
     json: Json = None,
 ) -> int:
-    """A worn stand-in hand, its twin beside it, a recording, a calibration, and the error falling; no hardware."""
+    """The whole story without hardware: a worn, simulated hand, its twin, a recording, a calibration, less error."""
     from bridges.session import open_client
     from twin_daemon.errors import NoAnswer
     from twin_daemon.hand import load_hand

@@ -27,7 +27,7 @@ _USUAL_MOTION = "rich_hand"
 def command(
     hidden: Annotated[
         list[str] | None,
-        typer.Option("--hidden", metavar="KEY[:joint][=value]...", help="Effects that the hand has and nobody knows."),
+        typer.Option("--hidden", metavar="KEY[:joint][=value]...", help="Effects that the twin is not told of."),
     ] = None,
     trajectory: Annotated[
         str | None,
@@ -56,7 +56,7 @@ def command(
     ] = 0,
     fault: Annotated[
         list[str] | None,
-        typer.Option("--fault", metavar="KIND[:joint]...", help="What its readings are: degrees, dead, reversed."),
+        typer.Option("--fault", metavar="KIND[:joint]...", help="Faults of its readings: degrees, dead, reversed."),
     ] = None,
     seed: Seed = 0,
     hand: HandName = None,
@@ -65,7 +65,7 @@ def command(
     endpoint: Endpoint = None,
     seconds: Seconds = None,
 ) -> int:
-    """A stand-in for the real hand, worn as you like, that moves by itself until somebody commands it.
+    """A simulated hand in place of the real one, with wear and hidden effects. It moves until it is commanded.
 
     With --output it needs no network and no time: it writes what the bus would have carried as a ROS 2 bag.
     """

@@ -23,9 +23,13 @@ log = logging.getLogger("twin.play")
 
 def command(
     recordings: Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="ROS 1 or 2 bags, MCAP, CSV.")],
-    speed: Annotated[float, typer.Option("--speed", metavar="X", min=0.01, max=100.0, help="Times real time.")] = 1.0,
-    loop: Annotated[bool, typer.Option("--loop", help="Again and again, until it is stopped.")] = False,
-    keep_stamps: Annotated[bool, typer.Option("--keep-stamps", help="Stamps as recorded, not moved to now.")] = False,
+    speed: Annotated[
+        float, typer.Option("--speed", metavar="X", min=0.01, max=100.0, help="Speed, relative to real time.")
+    ] = 1.0,
+    loop: Annotated[bool, typer.Option("--loop", help="Repeat until it is stopped.")] = False,
+    keep_stamps: Annotated[
+        bool, typer.Option("--keep-stamps", help="Keep the recorded stamps instead of the present time.")
+    ] = False,
     trajectory: TrajectoryRef = None,
     joint_map: JointMap = None,
     hand: HandName = None,

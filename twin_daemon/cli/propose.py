@@ -28,7 +28,7 @@ def command(
     joints: options.Joints = None,
     diagnosis: Annotated[
         Path | None,
-        typer.Option("--diagnosis", metavar="FILE.json", help="What twin diagnose --json wrote of these."),
+        typer.Option("--diagnosis", metavar="FILE.json", help="What twin diagnose --json wrote for these recordings."),
     ] = None,
     seed: options.Seed = 0,
     within: Annotated[

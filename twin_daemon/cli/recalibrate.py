@@ -33,12 +33,10 @@ def command(
             "--within",
             metavar="S",
             min=1.0,
-            help="Take so many seconds of all cores, a diagnosis included.",
+            help="Use so many seconds of all cores, a diagnosis included.",
         ),
     ] = None,
-    promote: Annotated[
-        bool, typer.Option("--promote", help="Promote the result if it is decided to be better.")
-    ] = False,
+    promote: Annotated[bool, typer.Option("--promote", help="Promote the result if it is better.")] = False,
     budget: options.Budget = None,
     seed: options.Seed = 0,
     hand: options.HandName = None,

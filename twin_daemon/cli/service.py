@@ -129,7 +129,7 @@ def status(json: Json = None) -> None:
 @app.command("logs")
 def logs(
     lines: Annotated[int, typer.Option("--lines", "-n", metavar="N", min=1, help="How many of the last.")] = 100,
-    follow: Annotated[bool, typer.Option("--follow", "-f", help="Go on with what comes.")] = False,
+    follow: Annotated[bool, typer.Option("--follow", "-f", help="Keep showing new lines.")] = False,
 ) -> int:
     """What the units said last, from the journal."""
     _require_systemd("journalctl")

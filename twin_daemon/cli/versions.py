@@ -125,7 +125,7 @@ def differences(
 def promote(
     version: Reference = "candidate",
     force: Annotated[
-        bool, typer.Option("--force", help="Although it is worse than the version in use; needs --reason.")
+        bool, typer.Option("--force", help="Promote it although it is worse than the version in use; needs --reason.")
     ] = False,
     reason: Annotated[
         str | None, typer.Option("--reason", metavar="TEXT", help="Why, for the log of decisions.")

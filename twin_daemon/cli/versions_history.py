@@ -25,7 +25,7 @@ def history(
         list[str] | None,
         typer.Option("--parameter", metavar="P...", help="Only these: a name, or a part of one such as a joint."),
     ] = None,
-    plot: Annotated[Path | None, typer.Option("--plot", metavar="FILE.html", help="Draw it.")] = None,
+    plot: Annotated[Path | None, typer.Option("--plot", metavar="FILE.html", help="Draw the history.")] = None,
     hand: HandName = None,
     model: Model = None,
     json: Json = None,

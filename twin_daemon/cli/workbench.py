@@ -20,7 +20,7 @@ from twin_daemon.errors import BadInput
 PORT = 8460
 
 Port = Annotated[
-    int, typer.Option("--port", metavar="N", min=0, max=65535, help="Where the page is served; 0: any free port.")
+    int, typer.Option("--port", metavar="N", min=0, max=65535, help="Port of the page; 0 takes any free one.")
 ]
 Bind = Annotated[
     str, typer.Option("--bind", metavar="ADDRESS", help="Address to listen at; others than loopback are reachable.")
