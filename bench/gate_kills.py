@@ -191,6 +191,14 @@ def latency(times: int = 500) -> tuple[list[float], dict[str, float]]:
             scene.close()
 
 
+def _tell(delays: list[float], cost: dict[str, float]) -> None:
+    half, most = 1e3 * np.quantile(delays, [0.5, 0.99])
+    for what in ("request", "turn"):
+        print(f"gate, {what}: p50 {cost[f'{what}_p50_s'] * 1e6:.0f}, p99 {cost[f'{what}_p99_s'] * 1e6:.0f} us")
+    turn_ms = 1e3 / SETTINGS.rate_hz
+    print(f"operator to hand: p50 {half:.1f}, p99 {most:.1f} ms of {len(delays)} targets; a turn is {turn_ms:.0f} ms")
+
+
 def main() -> None:
     """Each loss so many times; says the worst of each against its bound."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
@@ -201,15 +209,10 @@ def main() -> None:
     print(f"load average {os.getloadavg()[0]:.1f}, {os.cpu_count()} cores")
     for _ in range(3):
         with contextlib.suppress(NothingMoves):
-            delays, cost = latency()
+            _tell(*latency())
             break
     else:
-        raise SystemExit("nothing moves beside joint states at 1 kHz: this machine is too busy to measure")
-    half, most = 1e3 * np.quantile(delays, [0.5, 0.99])
-    for what in ("request", "turn"):
-        print(f"gate, {what}: p50 {cost[f'{what}_p50_s'] * 1e6:.0f}, p99 {cost[f'{what}_p99_s'] * 1e6:.0f} us")
-    turn_ms = 1e3 / SETTINGS.rate_hz
-    print(f"operator to hand: p50 {half:.1f}, p99 {most:.1f} ms of {len(delays)} targets; a turn is {turn_ms:.0f} ms")
+        print("nothing moves beside joint states at 1 kHz: this machine is too busy to measure what a turn costs")
     losses = [f"{who} {how}" for who in ("commander", "daemon", "hand") for how in ("killed", "stopped")]
     with contextlib.nullcontext() if arguments.loopback else namespace() as netns:
         if netns is None:

@@ -37,6 +37,23 @@ def test_the_tests_that_a_page_names_exist(page: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("page", "last"), [("safety.md", "test,"), ("security.md", "test"), ("hazards.md", "shown by")]
+)
+def test_each_row_of_what_is_tested_names_its_test(page: str, last: str) -> None:
+    tables = (ROOT / "docs" / page).read_text(encoding="utf-8").split("\n\n")
+    rows = [
+        cells[-1]
+        for table in tables
+        if re.search(rf"\| {last}[^|]*\|\n\|-", table)
+        for cells in (re.split(r"(?<!\\)\|", row.strip().strip("|")) for row in table.strip().splitlines()[2:])
+    ]
+    assert len(rows) >= 10
+    assert all("`tests/" in row for row in rows), [row for row in rows if "`tests/" not in row]
+    names = re.findall(r"`((?:tests/)?[\w/]*test_\w+\.py)", "".join(rows))
+    assert all(name.startswith("tests/") for name in names), names
+
+
+@pytest.mark.parametrize(
     ("name", "made", "command"),
     [
         ("cli.md", of_commands.page, "twin config cli -o docs/cli.md"),
