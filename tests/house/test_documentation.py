@@ -28,6 +28,13 @@ def test_the_readme_names_the_two_commands_and_the_tests() -> None:
     assert len(readme.splitlines()) <= 120
 
 
+def test_the_story_of_the_readme_is_that_of_the_tutorial_which_is_run() -> None:
+    readme, tutorial = ((ROOT / page).read_text(encoding="utf-8") for page in ("README.md", "docs/tutorial.md"))
+    story = re.findall(r"^twin .+$", readme, flags=re.M)
+    assert len(story) == 6
+    assert all(re.search(rf"^{re.escape(command)}( |$)", tutorial, flags=re.M) for command in story)
+
+
 @pytest.mark.parametrize("page", ["safety.md", "security.md", "hazards.md"])
 def test_the_tests_that_a_page_names_exist(page: str) -> None:
     text = (ROOT / "docs" / page).read_text(encoding="utf-8")
