@@ -48,9 +48,10 @@ class Result(BaseModel):
 
 
 class Mse(BaseModel):
-    """A mean squared error in rad^2; None where there is no motion to judge by."""
+    """A mean squared error."""
 
     mse_rad2: float | None
+    """In rad²; None where no joint moves."""
 
 
 class JointError(BaseModel):

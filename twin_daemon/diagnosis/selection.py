@@ -54,7 +54,7 @@ def next_effect(part: PartFit, validation: Validation, say: Say, outcome: Outcom
         behind = 0.5 * (first.cost - first_fits[0].cost)
         reason = f"explains less: {behind:.0f} nats behind {first_fits[0].hypothesis.name}"
         outcome.tried.append(_lost(first.hypothesis, gain, reason))
-        say(f"  {first.hypothesis.name}: {gain:.0f} nats, {behind:.0f} behind the best")
+        say(f"  {first.hypothesis.name}: evidence {gain:.0f} nats, {behind:.0f} less than the best")
     weighed = {r.hypothesis.name: 0.5 * (screening.cost - r.cost) - part.price(r.problem) for r in first_fits}
     full = concurrently(limit.checked(lambda first: part.full_fit(first, FULL_FIT_ROLLOUTS)), finalists)
     fits = sorted(((part.evidence_nats(fit), fit) for fit in full), key=lambda item: -item[0])

@@ -34,38 +34,52 @@ def _short_named(name: str) -> Any:
 
 
 class Finding(_Said):
-    """One effect that the data ask for. Evidence is its gain over the model alone; errors are on held-out motion.
+    """One effect that the data ask for, with its errors on validation data.
 
-    `holdout_mse_*` are in short pieces of its part, by which it is validated; `free_holdout_mse_*` of one free roll-out
-    of the whole hand, and `free_holdout_joints_mse_*` of that over its joints: what `twin add` reports when it takes
-    the finding over.
-    `probability` is that of this effect at this place among the causes, after all that these data say.
-    `values` are all of the effect's, `parameters` those that were fitted with their intervals, and `moved` the model's
-    own parameters where they came to lie beside it: absolute, by name.
+    It is validated by those in short pieces; those of free roll-outs are what `twin add` reports when it takes the
+    finding over.
     """
 
     effect: str
+    """Key of the effect."""
     target: str
+    """Its place: a joint, a command, `hand` or `robot`."""
     joints: tuple[str, ...]
+    """The joints that it acts on."""
     parameters: dict[str, Estimate]
+    """The values that were fitted."""
     evidence_nats: Number = Field(validation_alias="evidence", serialization_alias="evidence")
+    """Gain of log posterior over the model alone, in nats; `evidence` in JSON."""
     holdout_mse_before_rad2: Number = Field(
         validation_alias="holdout_mse_before", serialization_alias="holdout_mse_before"
     )
+    """Error on validation data without it, in short pieces of its part."""
     holdout_mse_after_rad2: Number = Field(
         validation_alias="holdout_mse_after", serialization_alias="holdout_mse_after"
     )
+    """The same with it."""
     holdout_gain: Number
+    """The share of that error which it takes away."""
     holdout_gain_ci95: tuple[Number, Number]
+    """95 % interval of that share."""
     confusable_with: tuple[str, ...]
+    """What it may be instead, as `effect:place`."""
     explanation: str
+    """The finding in a sentence."""
     probability: float | None = None
+    """Of this effect at this place, among all causes."""
     values: dict[str, float] = {}
+    """All values of the effect, fitted or not."""
     moved: dict[str, float] = {}
+    """The model's own parameters as they were fitted beside it, by name."""
     free_holdout_mse_before_rad2: float | None = _short_named("free_holdout_mse_before")
+    """Error on validation data without it, in one free roll-out of the whole hand."""
     free_holdout_mse_after_rad2: float | None = _short_named("free_holdout_mse_after")
+    """The same with it."""
     free_holdout_joints_mse_before_rad2: float | None = _short_named("free_holdout_joints_mse_before")
+    """Error of that roll-out over the joints of the effect, without it."""
     free_holdout_joints_mse_after_rad2: float | None = _short_named("free_holdout_joints_mse_after")
+    """The same with it."""
 
     @property
     def term(self) -> EffectTerm:
@@ -87,22 +101,34 @@ class Trial(_Said):
     """A candidate and why it did not win. Evidence is its gain over the model alone."""
 
     effect: str
+    """Key of the effect."""
     target: str
+    """Its place."""
     evidence_nats: Number = Field(validation_alias="evidence", serialization_alias="evidence")
+    """As of a finding."""
     fit_mse_rad2: float | None
+    """Error on what was fitted; None where it was not fitted to the end."""
     holdout_mse_rad2: float | None
+    """Error on validation data; None where it was not tested."""
     lost_because: str
+    """Why it is no finding."""
 
 
 class Failure(_Said):
     """Where the model fails: a joint, what it was doing, and the error there beside the joint's own average."""
 
     joint: str
+    """The joint."""
     condition: str
+    """What it was doing: a hold, a reversal, a direction, a speed, a part of its travel."""
     rmse_rad: Number
+    """Root mean square residual there."""
     bias_rad: Number
+    """Mean residual there."""
     times_average: Number
+    """That root over the joint's own average."""
     seconds: Number
+    """For how long it was so."""
 
 
 class PartSummary(_Said):
@@ -163,12 +189,19 @@ class Experiment(_Said):
     """The motion that would settle an open question, in a trajectory file."""
 
     path: str
+    """The trajectory file."""
     trajectory: str
+    """Its name in the file."""
     expected_difference_rad: float | None
+    """Rms difference that the candidates predict; None where nothing was compared."""
     separates: tuple[str, ...]
+    """The candidates that it tells apart."""
     motion: str = ""
+    """The kind of motion."""
     considered: dict[str, Number] = {}
+    """The motions that were compared, with their differences."""
     why: str
+    """Why this one, in a sentence."""
 
 
 class RecordingRead(_Said):
@@ -220,14 +253,23 @@ class Step(_Said):
     """
 
     effect: str | None
+    """Key of the effect that was added."""
     target: str | None
+    """Its place."""
     joints: tuple[str, ...] = ()
+    """The joints that it acts on."""
     parameters: dict[str, Number]
+    """Its fitted values."""
     mse_rad2: float | None
+    """Error on what was fitted, in one free roll-out."""
     holdout_mse_rad2: float | None
+    """Error on validation data."""
     verdict: VerdictName | None
+    """What the diagnosis said then."""
     together: bool = False
+    """Whether all values were fitted together in this step."""
     confusable_with: tuple[str, ...] = ()
+    """What it may be instead."""
 
     @property
     def name(self) -> str:
@@ -245,7 +287,9 @@ class ReferenceErrors(_Said):
     """What a predictor leaves that a ladder is compared with."""
 
     mse_rad2: float | None = None
+    """Error on what was fitted."""
     holdout_mse_rad2: float | None = None
+    """Error on validation data."""
 
 
 class LadderResult(_Said):

@@ -13,18 +13,23 @@ Number = Annotated[float, BeforeValidator(lambda value: float("nan") if value is
 
 
 class Estimate(BaseModel):
-    """One value in `unit` with its 95 % interval and the bounds that it was looked for within.
-
-    `confused_with` is the variable that it trades off with, if any.
-    """
+    """One value in `unit` with its 95 % interval and the bounds that it was looked for within."""
 
     model_config = ConfigDict(frozen=True)
 
     value: Number
+    """The value, in `unit`."""
     unit: str
+    """Its unit."""
     ci95: tuple[Number, Number]
+    """The 95 % interval."""
     lower: float | None = None
+    """The lower bound of the fit."""
     upper: float | None = None
+    """The upper bound of the fit."""
     at_bound: bool = False
+    """Whether it ended on a bound."""
     identifiable: Identifiability | None = None
+    """How well the data determine it."""
     confused_with: str | None = None
+    """The variable that it trades off with."""
