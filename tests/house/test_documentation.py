@@ -77,3 +77,5 @@ def test_the_reference_explains_all_of_the_api() -> None:
     for name in api.__all__:
         heading = f"### `{name}`" if isinstance(getattr(api, name), type) else f"### `td.{name}`"
         assert heading in text or name == "Result", name
+    unexplained = re.findall(r"^\| `(\w+)` \| [^|]+ \|  \|$", text, flags=re.M)
+    assert not unexplained, "a string after a field says what it is"

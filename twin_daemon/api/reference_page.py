@@ -95,13 +95,9 @@ def _argument(one: inspect.Parameter) -> str:
 def _class(one: type) -> str:
     text = f"\n### `{one.__name__}`\n\n{_said(one)}\n"
     fields = [field for above in reversed(_own(one)) for field in _fields(_parsed(above))]
-    if any(said for _, _, said in fields):
+    if fields:
         text += "\n| field | type | meaning |\n|---|---|---|\n"
         text += "".join(f"| `{name}` | {_code(kind)} | {said} |\n" for name, kind, said in fields)
-    elif fields:
-        text += "\n| field | type |\n|---|---|\n" + "".join(
-            f"| `{name}` | {_code(kind)} |\n" for name, kind, _ in fields
-        )
     methods = _methods(_parsed(one))
     return text + (f"\n{methods}" if methods else "")
 
