@@ -12,9 +12,11 @@ from twin_daemon.estimation.thresholds import Count, Threshold
 _INTRODUCTION = """# Thresholds
 
 Made by `twin config thresholds -o docs/thresholds.md`. Every number that a fit or a diagnosis decides by, as the code
-has it: its unit (1 is a share or a factor), what it decides and where it comes from. They were found on the hidden
-suite's plants and on the measured hand unless a line says otherwise, those of proposals on the development half of
-`python -m bench.proposals`.
+has it: its unit (1 is a share or a factor), what it decides and where it comes from. Read a row as one phrase: value,
+unit, text ("0.005 of a variable's range: ..."). A part is a group of joints that is simulated by itself, a floor is the
+mean square that a right model leaves, and a nuisance is an uncertain parameter of the model that is fitted beside an
+effect ([glossary](glossary.md)). The numbers were found on the hidden suite's robots and on the measured hand unless a
+row says otherwise, those of proposals on the development half of `python -m bench.proposals`.
 """
 
 
