@@ -42,8 +42,11 @@ SHARED_SHARES = tuple(
     for share in (1.0, 0.3, 0.1, 0.03, 0.01)
 )
 SHARED_FINALISTS = Count(5, "causes", "behind several groups that are fitted, of all that were begun")
-SHARED_ROUNDS = Count(3, "rounds", "of Gauss-Newton for a value that several groups share")
-SHARED_STEP = Threshold(0.1, "1", "of such a value: its step for a slope")
+SHARED_STEPS = tuple(
+    Threshold(share, "1", "of a value that several groups share: its step for a slope, one for each round of its fit")
+    for share in (0.1, 0.03, 0.01, 0.003)
+)
+SHARED_HALVINGS = Count(3, "halvings", "of a step of such values that gains nothing")
 
 # -- verdicts ------------------------------------------------------------------------------------------------
 

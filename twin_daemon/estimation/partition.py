@@ -8,14 +8,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from twin_daemon.comparison.noise import noise_variance
 from twin_daemon.estimation.posterior import floor_variance
 from twin_daemon.estimation.thresholds import (
     CONTACT_EVERY_S,
     CONTACT_MARGIN_M,
     LEAST_CLEAR_S,
+    LEAST_NOISE_RAD,
     LEFT_OUT_FLOORS,
     MOST_LINK_COMBINATIONS,
     MOST_PART_S,
+    STIRS_SIGMA,
 )
 from twin_daemon.estimation.windows import length_s, segments, spread
 from twin_daemon.simulation.alignment import Aligned, moving_joints
@@ -54,6 +57,7 @@ class Reduction:
         # what is left out is welded where it mostly is
         self._usual = np.where(known, np.nanmedian(np.where(known, seen, 0.0), axis=0), train[0].start_position)
         self.moving = moving_joints(train)
+        self._stirring = np.any([_stirring(r) for r in (*train, *holdout)], axis=0)
 
     def of(
         self, twin: TwinModel, part: Part, joints: Sequence[str], *, least_s: float = LEAST_CLEAR_S
@@ -68,7 +72,8 @@ class Reduction:
         keep = {*joints, *(set(self.moving) & set(part.trunk))}
         small = submodel(twin, with_coupled(twin, keep), self._usual)
         recordings = (*self._train, *self._holdout)
-        outside = [name for name in self.moving if name not in small.joints]
+        stirring = [name for name, stirs in zip(twin.joints, self._stirring, strict=True) if stirs]
+        outside = [name for name in stirring if name not in small.joints]
         if outside and self._motions is None:
             self._smoothed(twin)
         cuts: list[Aligned] = []
@@ -122,7 +127,7 @@ class Reduction:
         return [replace(cut, reaction=replace(cut.reaction or Reaction(None), links=load)) for cut, load in both]
 
     def _smoothed(self, twin: TwinModel) -> Reduction:
-        self._motions = [measured_motion(twin, r) for r in (*self._train, *self._holdout)]
+        self._motions = [measured_motion(twin, r, self._stirring) for r in (*self._train, *self._holdout)]
         return self
 
     def _needed(self, twin: TwinModel) -> list[Needed]:
@@ -167,6 +172,12 @@ def restricted(aligned: Aligned, small: TwinModel) -> Aligned:
         start_position=aligned.start_position[columns],
         start_velocity=aligned.start_velocity[columns],
     )
+
+
+def _stirring(recording: Aligned) -> np.ndarray:
+    """(j,) bool: the joints that move by more than their noise; a soft one that is held gives way to its neighbours."""
+    noise = np.sqrt([noise_variance(column) for column in recording.measured.T])
+    return recording.moving | (recording.travel > STIRS_SIGMA * np.maximum(noise, LEAST_NOISE_RAD))
 
 
 def _poses(twin: TwinModel, recording: Aligned) -> np.ndarray:

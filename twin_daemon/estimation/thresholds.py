@@ -106,6 +106,7 @@ START_SLOPE_S = Threshold(0.06, "s", "to either side of a stretch's start, from 
 CONTACT_MARGIN_M = Threshold(1e-3, "m", "parts nearer than this touch: shapes of models are no better")
 CONTACT_EVERY_S = Threshold(0.02, "s", "between poses that are looked at for contacts")
 CONTACT_POSES = Count(60, "poses", "along a recording, to see whether anything touches at all")
+STIRS_SIGMA = Threshold(8.0, "sigma", "of its noise that a joint travels which moves at all: noise alone makes 5 of it")
 LEAST_CLEAR_S = Threshold(2.0, "s", "of motion clear of contacts that a part is judged by; half of it held out")
 MOST_PART_S = Threshold(45.0, "s", "of one part's motion: more costs in proportion and says little that is new")
 ONSET_REACH_S = Threshold(0.15, "s", "bounds of a part's own correction of an estimated onset: what a lag can be")

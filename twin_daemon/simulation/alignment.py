@@ -55,7 +55,12 @@ class Aligned:
     @property
     def moving(self) -> np.ndarray:
         """(j,) bool: the joints whose measured travel says something about a model."""
-        return np.array([_travel(np.ascontiguousarray(column)) > MOVING_RAD for column in self.measured.T])
+        return self.travel > MOVING_RAD
+
+    @property
+    def travel(self) -> np.ndarray:
+        """(j,) rad that each joint travels, whatever single samples say."""
+        return np.array([_travel(np.ascontiguousarray(column)) for column in self.measured.T])
 
     def with_onset(self, onset_s: float) -> Aligned:
         return replace(self, onset_s=float(onset_s))

@@ -35,8 +35,10 @@ class Motion:
     acceleration: np.ndarray
 
 
-def measured_motion(twin: TwinModel, recording: Aligned) -> Motion:
+def measured_motion(twin: TwinModel, recording: Aligned, stirring: np.ndarray) -> Motion:
     """The measured motion with its derivatives: the twin's prediction, moved smoothly to where the joints were.
+
+    Joints that are not `stirring` (j,) stay at their mean: what is read of them is noise.
 
     The prediction has the sharp beginnings of commanded steps; what it misses is smoother and can be averaged over the
     time that each servo takes. Differentiating readings twice would amplify their noise instead.
@@ -45,7 +47,6 @@ def measured_motion(twin: TwinModel, recording: Aligned) -> Motion:
     period = float(np.median(np.diff(recording.time_s)))
     every = max(1, round(_FASTEST_S / step_s))
     grid = np.arange(0.0, recording.time_s[-1] + step_s, every * step_s)
-    moving = recording.moving
     predicted = predict(twin, replace(recording, time_s=grid))
     predicted = twin.measurement.invert(twin.joints, predicted)
     if not np.isfinite(predicted).all():
@@ -56,7 +57,7 @@ def measured_motion(twin: TwinModel, recording: Aligned) -> Motion:
     for joint in range(len(twin.joints)):
         column = measured[:, joint]
         known = np.isfinite(column)
-        if not known.any() or not moving[joint]:
+        if not known.any() or not stirring[joint]:
             still = float(np.nanmean(column)) if known.any() else float(twin.model.qpos0[twin.qpos_adr[joint]])
             position[:, :, joint] = np.array([still, 0.0, 0.0])[:, None]
             continue
