@@ -16,6 +16,7 @@ from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.probability import posterior
 from twin_daemon.diagnosis.screening import over_some
 from twin_daemon.diagnosis.thresholds import (
+    COMPARABLE,
     DECISIVE_NATS,
     RELATIVE_ERROR,
     SCREENED_S,
@@ -209,8 +210,8 @@ class SharedSearch:
         full = self._at(cause, start, share) if share > SHARED_SHARES[-1] else None
         return [light] if full is None else [light, full]
 
-    def fitted(self, begun: _Begun, limit: TimeLimit) -> tuple[_Begun, np.ndarray]:
-        """(where Gauss-Newton takes a cause, (m, q) slopes there).
+    def fitted(self, begun: _Begun, limit: TimeLimit, reach: float = np.inf) -> tuple[_Begun, np.ndarray]:
+        """(where Gauss-Newton takes a cause, (m, q) slopes there); what comes to no cost within `reach` is left.
 
         Friction makes slopes over a tenth of a value another thing than slopes nearby, so that each round looks nearer,
         and a step that gains nothing is halved.
@@ -225,7 +226,7 @@ class SharedSearch:
                 slopes[:, column] = (rows - begun.rows) / step
             move = np.linalg.lstsq(slopes, -begun.rows, rcond=None)[0]
             expected = begun.cost - float(((begun.rows + slopes @ move) ** 2).sum())
-            if expected < 1.0:  # half a nat
+            if expected < 1.0 or begun.cost - expected > reach:  # half a nat
                 break
             begun = self._moved(begun, move)
         return begun, slopes
@@ -256,9 +257,13 @@ class SharedSearch:
     def best(self, causes: Sequence[SharedCause], limit: TimeLimit, seed: int) -> Shared | None:
         """The cause that brings the groups back to the floor, on held-out motion too; None where none does."""
         begun = sorted((b for c in causes if (b := self.begun(c, limit)) is not None), key=lambda one: one.cost)
-        fits = sorted((self.fitted(one, limit) for one in begun[:SHARED_FINALISTS]), key=lambda fit: fit[0].cost)
+        fits: list[tuple[_Begun, np.ndarray]] = []
+        for one in begun[:SHARED_FINALISTS]:
+            least = min((fit.cost for fit, _ in fits), default=np.inf)
+            fits.append(self.fitted(one, limit, COMPARABLE * least))
         if not fits:
             return None
+        fits.sort(key=lambda fit: fit[0].cost)
         best = fits[0][0]
         found, slopes, there = self.settled(best, limit)
         cause, values = found.cause, found.values

@@ -84,14 +84,16 @@ def _calmest(time_s: np.ndarray, position: np.ndarray, span: tuple[int, int], wi
     start, stop = span
     last = int(np.searchsorted(time_s, time_s[start] + within_s))
     candidates = range(min(start + width, stop - 1), max(min(last, stop), min(start + width, stop - 1) + 1))
-    spreads = np.array([_spread(position[index - width : index + 1]) for index in candidates])
+    spreads = _spreads(position[candidates[0] - width : candidates[-1] + 1], width + 1)
     still = np.flatnonzero(spreads < STILL_RAD_S * STILL_S + STILL_RAD)
     return candidates[int(still[0] if still.size else np.argmin(spreads))]
 
 
-def _spread(window: np.ndarray) -> float:
-    """rad: the largest travel of any joint within some samples; infinite where one is missing."""
-    return float(np.ptp(window, axis=0).max()) if np.isfinite(window).all() else float("inf")
+def _spreads(position: np.ndarray, count: int) -> np.ndarray:
+    """(n - count + 1,) rad: the largest travel of a joint within each run of samples; infinite where one is missing."""
+    runs = np.lib.stride_tricks.sliding_window_view(position, count, axis=0)
+    travel = (runs.max(axis=2) - runs.min(axis=2)).max(axis=1)
+    return np.where(np.isfinite(travel), travel, np.inf)
 
 
 def _piece(aligned: Aligned, start: int, stop: int, width: int) -> Aligned:

@@ -18,7 +18,7 @@ from scipy.signal import savgol_filter
 
 from twin_daemon.effects.base import Measurement
 from twin_daemon.simulation.alignment import Aligned, predict
-from twin_daemon.simulation.reactions import Reaction
+from twin_daemon.simulation.reactions import Blocks, Reaction
 from twin_daemon.simulation.twin import TwinModel
 
 _FASTEST_S = 0.004  # between two times at which torques are computed: no drive of such a robot is faster than that
@@ -88,9 +88,13 @@ class Needed:
     motion: Motion
 
     @cached_property
-    def torque(self) -> np.ndarray:
+    def torque(self) -> Blocks:
         """(m, nv) generalised forces."""
-        return _inverse(self.twin, self.motion, range(len(self.twin.joints)))
+        return Blocks(len(self.motion.time_s), self.along)
+
+    def along(self, rows: slice) -> np.ndarray:
+        """(len(rows), nv) generalised forces, computed anew."""
+        return _inverse(self.twin, self.motion, range(len(self.twin.joints)), rows)
 
 
 def reaction(needed: Needed, small: TwinModel) -> Reaction | None:
@@ -129,19 +133,20 @@ class _Difference:
     def _inside(self) -> list[int]:
         return [self.needed.twin.joints.index(joint) for joint in self.joints]
 
-    def torque(self, moved: np.ndarray | None = None) -> np.ndarray:
-        """(m, k) N m; with the sub-model's joints (k,) elsewhere by so much all the time."""
+    def torque(self, rows: slice, moved: np.ndarray | None = None) -> np.ndarray:
+        """(len(rows), k) N m; with the sub-model's joints (k,) elsewhere by so much all the time."""
         needed = self.needed
         if moved is not None:
             position = needed.motion.position.copy()
             position[:, self._inside] += moved
             needed = Needed(needed.twin, replace(needed.motion, position=position))
         own = [needed.twin.dof_adr[index] for index in self._inside]
-        return _inverse(self.small, needed.motion, self._inside)[:, self.small.dof_adr] - needed.torque[:, own]
+        small = _inverse(self.small, needed.motion, self._inside, rows)
+        return small[:, self.small.dof_adr] - needed.torque(rows)[:, own]
 
 
-def _inverse(twin: TwinModel, motion: Motion, columns: Sequence[int]) -> np.ndarray:
-    """(m, nv) generalised forces that inertia and gravity ask for along a motion."""
+def _inverse(twin: TwinModel, motion: Motion, columns: Sequence[int], rows: slice) -> np.ndarray:
+    """(len(rows), nv) generalised forces that inertia and gravity ask for along a motion."""
     model = twin.model.__copy__()
     off = mujoco.mjtDisableBit
     model.opt.disableflags |= int(
@@ -149,11 +154,12 @@ def _inverse(twin: TwinModel, motion: Motion, columns: Sequence[int]) -> np.ndar
     )
     data = mujoco.MjData(model)
     chosen = list(columns)
-    out = np.empty((len(motion.time_s), model.nv))
-    for row in range(len(motion.time_s)):
+    times = range(len(motion.time_s))[rows]
+    out = np.empty((len(times), model.nv))
+    for index, row in enumerate(times):
         data.qpos[twin.qpos_adr] = motion.position[row, chosen]
         data.qvel[twin.dof_adr] = motion.velocity[row, chosen]
         data.qacc[twin.dof_adr] = motion.acceleration[row, chosen]
         mujoco.mj_inverse(model, data)
-        out[row] = data.qfrc_inverse
+        out[index] = data.qfrc_inverse
     return out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
@@ -29,29 +30,52 @@ class Prescribed(Protocol):
     @property
     def position(self) -> np.ndarray: ...
 
-    def torque(self, moved: np.ndarray | None = None) -> np.ndarray: ...
+    def torque(self, rows: slice, moved: np.ndarray | None = None) -> np.ndarray: ...
 
 
+_BLOCK = 256  # times whose torques are computed at once: a piece of a recording asks for some of them
 _NEARBY = 0.02  # rad or m: far enough for a difference, near enough for a slope
+
+
+class Blocks:
+    """Rows along a motion, computed where they are asked for, a block at a time and once for all its pieces."""
+
+    def __init__(self, count: int, compute: Callable[[slice], np.ndarray]) -> None:
+        self._count, self._compute = count, compute
+        self._known: dict[int, np.ndarray] = {}
+
+    def __call__(self, rows: slice) -> np.ndarray:
+        """(len(rows), ...) of the rows from `rows.start` up to `rows.stop`."""
+        first = rows.start // _BLOCK
+        found = np.concatenate([self._block(index) for index in range(first, (rows.stop - 1) // _BLOCK + 1)])
+        return found[rows.start - first * _BLOCK : rows.stop - first * _BLOCK]
+
+    def _block(self, index: int) -> np.ndarray:
+        if index not in self._known:
+            self._known[index] = self._compute(slice(index * _BLOCK, min((index + 1) * _BLOCK, self._count)))
+        return self._known[index]
 
 
 @dataclass(frozen=True)
 class _Torques:
-    """The torques along a motion, computed once for all pieces of a recording."""
+    """The torques along a motion."""
 
     source: Prescribed
 
     @cached_property
-    def nominal(self) -> np.ndarray:
+    def nominal(self) -> Blocks:
         """(m, k) N m (N for slides)."""
-        return self.source.torque()
+        return Blocks(len(self.source.time_s), self.source.torque)
 
     @cached_property
-    def slopes(self) -> np.ndarray:
+    def slopes(self) -> Blocks:
         """(m, k, k) how they change with the true position of each joint, the last index."""
+        return Blocks(len(self.source.time_s), self._differences)
+
+    def _differences(self, rows: slice) -> np.ndarray:
         count = len(self.source.joints)
-        moved = [self.source.torque(_NEARBY * np.eye(count)[joint]) for joint in range(count)]
-        return np.stack([(torque - self.nominal) / _NEARBY for torque in moved], axis=2)
+        moved = [self.source.torque(rows, _NEARBY * np.eye(count)[joint]) for joint in range(count)]
+        return np.stack([(torque - self.nominal(rows)) / _NEARBY for torque in moved], axis=2)
 
 
 @dataclass(frozen=True)
@@ -99,19 +123,28 @@ class Reaction:
         out = np.zeros((len(time_s), twin.model.nv))
         if self.torques is None:
             return out
-        source = self.torques.source
-        torque = self.torques.nominal
+        source, at = self.torques.source, time_s + self.begin_s
+        rows = _around(source.time_s, at)
+        torque = self.torques.nominal(rows)
         if measurement is not None:
-            seen = source.measurement.apply(source.joints, source.position)
-            moved = measurement.invert(source.joints, seen) - source.position
+            position = source.position[rows]
+            seen = source.measurement.apply(source.joints, position)
+            moved = measurement.invert(source.joints, seen) - position
             if moved.any():
-                torque = torque + np.einsum("mkj,mj->mk", self.torques.slopes, moved)
+                torque = torque + np.einsum("mkj,mj->mk", self.torques.slopes(rows), moved)
         for column, joint in enumerate(source.joints):
             dof = twin.dof_adr[twin.joints.index(joint)]
-            out[:, dof] = np.interp(time_s + self.begin_s, source.time_s, torque[:, column])
+            out[:, dof] = np.interp(at, source.time_s[rows], torque[:, column])
         return out
 
     def applied_by_links(self, twin: TwinModel, time_s: np.ndarray) -> np.ndarray:
         """(T, nv, q) generalised forces by sigma of each combination of link masses."""
         assert self.links is not None
         return self.links.applied(twin, time_s + self.begin_s)
+
+
+def _around(grid_s: np.ndarray, time_s: np.ndarray) -> slice:
+    """The times of a grid between which all of the given times (T,) lie."""
+    first = int(np.searchsorted(grid_s, time_s.min(), side="right")) - 1
+    last = int(np.searchsorted(grid_s, time_s.max(), side="left")) + 1
+    return slice(min(max(first, 0), len(grid_s) - 1), max(min(last, len(grid_s)), 1))
