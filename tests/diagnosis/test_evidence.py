@@ -50,6 +50,17 @@ def test_a_parameter_beyond_any_plausible_hand_is_no_noise(twin: TwinModel, sigm
     assert (f"{JOINT}.armature" in said.reason) == (verdict == "unexplained")
 
 
+@pytest.mark.parametrize(
+    ("chi_square", "left", "verdict"),
+    [(0.4, 1.1, "within_noise"), (0.4, 1.3, "unexplained"), (4.0, 1.1, "unexplained")],
+)
+def test_held_out_motion_alone_asks_for_more_to_be_a_new_law(
+    twin: TwinModel, chi_square: float, left: float, verdict: str
+) -> None:
+    said = conclude(twin, (), [Outcome("FF", (JOINT,), chi_square, {}, left=left)], (), False)
+    assert said.verdict == verdict
+
+
 @pytest.mark.parametrize(("parts", "verdict"), [(("poor",), "not_excited"), (("poor", "rich"), "within_noise")])
 def test_one_part_that_moved_richly_makes_a_hand_sound(twin: TwinModel, parts: tuple[str, ...], verdict: str) -> None:
     outcomes = [Outcome(name, (JOINT,), 0.5, {}, within_floor=True) for name in parts]

@@ -145,11 +145,14 @@ def value_interval(fit: Fit, index: int, variable: EffectVariable, sigma: float)
 
 
 def stands_out(fit: Fit) -> bool:
-    """Whether the 95 % interval of an effect that the model has already leaves out what it has."""
-    if fit.hypothesis is None or not fit.hypothesis.speaks_for(fit.problem.twin):
+    """Whether an effect does anything, and if the model has it already, whether its 95 % interval leaves that out."""
+    if fit.hypothesis is None:
         return True
-    effect = fit.hypothesis.effect
-    return _leave_neutral(fit, effect.amplitudes or (effect.parameters[0].name,))
+    effect, neutral = fit.hypothesis.effect, fit.hypothesis.effect.neutral()
+    names = effect.amplitudes or (effect.parameters[0].name,)
+    if all(fit.values[name] == neutral[name] for name in names):
+        return False  # what is gained beside it is its nuisances' own
+    return not fit.hypothesis.speaks_for(fit.problem.twin) or _leave_neutral(fit, names)
 
 
 def is_idle(fit: Fit) -> bool:
