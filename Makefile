@@ -2,8 +2,7 @@
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
 BIN := .venv/bin
-# Tests of processes mostly wait, so that three workers keep two cores busy.
-WORKERS ?= 3
+WORKERS ?= 2
 HALF ?= development
 COUNT ?= 40
 # ROS 2 comes as wheels for x86-64 Linux; elsewhere the tests that need it say that they are skipped.

@@ -81,10 +81,11 @@ def since(model: Path) -> Callable[..., dict[str, Any]]:
 @pytest.mark.parametrize(
     ("kind", "factor", "effect"),
     [
-        pytest.param("damping", 1.3, "viscous_friction", marks=pytest.mark.slow),
+        ("damping", 1.3, "viscous_friction"),
         ("frictionloss", 1.6, "coulomb_friction"),
     ],
 )
+@pytest.mark.slow
 def test_a_parameter_that_has_changed_is_named_with_how_much(
     since: Callable[..., dict[str, Any]], kind: str, factor: float, effect: str
 ) -> None:

@@ -55,7 +55,7 @@ def test_wear_of_one_joint_alarms_there_and_says_since_when() -> None:
     assert drift.as_json()["verdict"] == "learning"
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_a_day_without_wear_is_quiet(seed: int) -> None:
     drift = Drift(JOINTS)
     assert not Motion(seed).run(drift, 6 * HOUR_S)

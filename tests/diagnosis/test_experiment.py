@@ -71,6 +71,7 @@ def test_other_verdicts_need_no_experiment(twin: TwinModel, tmp_path: Path) -> N
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_finding_at_a_pairs_command_is_separated_by_its_joints(sound: Path, twin: TwinModel, tmp_path: Path) -> None:
     found = _play_or_offset("rh_FFJ0", ("rh_FFJ0", "rh_FFJ2", "rh_FFJ1"))
     proposed = next_experiment(twin, [align(twin, load_recording(sound))], found, tmp_path)

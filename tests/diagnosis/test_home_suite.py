@@ -17,7 +17,7 @@ from twin_daemon.effects import BUILT_IN
 from twin_daemon.hand import load_hand
 from twin_daemon.plant import FOREIGN, parse_hidden
 
-_FEW = ("none-1", pytest.param("sensor_offset-mild", marks=pytest.mark.slow))
+_FEW = ("none-1", "sensor_offset-mild")
 
 
 def _diagnosed(name: str, folder: Path) -> dict[str, Any]:
@@ -27,6 +27,7 @@ def _diagnosed(name: str, folder: Path) -> dict[str, Any]:
     return called("diagnose", "--recording", fitted, "--holdout", held, result=folder / f"{name}.json")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", _FEW)
 def test_what_is_hidden_is_named_with_its_value(name: str, tmp_path: Path) -> None:
     case = next(case for case in cases() if case.name == name)

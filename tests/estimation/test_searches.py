@@ -43,7 +43,9 @@ def run(search: str, twin: TwinModel, worn: Aligned, seed: int = 0) -> Calibrati
     return calibrate(twin, [worn], [], SPACE, search, budget=BUDGET, seed=seed)
 
 
-@pytest.mark.parametrize("search", SEARCHES)
+@pytest.mark.parametrize(
+    "search", [pytest.param(name, marks=pytest.mark.slow) if "bayes" in name else name for name in SEARCHES]
+)
 def test_a_search_lowers_the_error_within_its_budget_and_the_same_twice(
     search: str, twin: TwinModel, worn: Aligned
 ) -> None:

@@ -86,6 +86,7 @@ def test_a_file_that_is_no_recording_is_refused(twin: Any, tmp_path: Path) -> No
     assert len(err.strip().splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_the_demo_ends_by_itself_with_a_smaller_error(twin: Any, state_dir: Path) -> None:
     code, out, err = twin.finish(
         twin.start("demo", "--record-seconds", "6", "--budget", "60", "--json", "-"), timeout_s=170.0
@@ -128,7 +129,8 @@ def agreement(twin: Any, folder: Path, data: list[str], model: list[str], speed:
     return {n: live[n]["mse_rad2"] / values["mse_rad2"] for n, values in offline.items() if values["moves"]}
 
 
-@pytest.mark.parametrize("speed", [pytest.param(1.0, marks=pytest.mark.slow), 10.0])
+@pytest.mark.slow
+@pytest.mark.parametrize("speed", [1.0, 10.0])
 def test_the_live_residuals_are_those_of_the_offline_comparison(
     twin: Any, recording: Path, tmp_path: Path, speed: float
 ) -> None:
