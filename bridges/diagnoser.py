@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from bridges.child import Child
-from bridges.keep import Keeper
+from bridges.ring_saver import RingSaver
 from twin_daemon.daemon import reports
 from twin_daemon.daemon.service import TwinService
 
@@ -22,7 +22,7 @@ class Diagnoser:
     becomes an event.
     """
 
-    def __init__(self, keeper: Keeper, service: TwinService, arguments: Sequence[str]) -> None:
+    def __init__(self, keeper: RingSaver, service: TwinService, arguments: Sequence[str]) -> None:
         self._keeper, self._service = keeper, service
         self._arguments = list(arguments)
         self._child: Child | None = None

@@ -16,7 +16,7 @@ import numpy as np
 from bridges.announcer import Announcer
 from bridges.child import Child
 from bridges.guard import Guard
-from bridges.keep import Keeper
+from bridges.ring_saver import RingSaver
 from twin_daemon.daemon import reports
 from twin_daemon.daemon.automatic import AutomaticRun
 from twin_daemon.daemon.consent import CONSENT, NoConsent, standing
@@ -48,7 +48,7 @@ class Recalibrator:
     def __init__(
         self,
         settings: RecalibrationSettings,
-        keeper: Keeper,
+        keeper: RingSaver,
         service: TwinService,
         store: VersionStore,
         folder: Path,

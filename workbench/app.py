@@ -28,7 +28,7 @@ from twin_daemon.hand import Hand
 from twin_daemon.jsonable import plain
 from twin_daemon.report.chart import in_script
 from twin_daemon.report.page import style
-from workbench.allowance import ENTER, Allowance, looking_cookie, looking_token
+from workbench.authorization import ENTER, Authorization, looking_cookie, looking_token
 from workbench.hands import Hands, View
 from workbench.stream import stream_of
 
@@ -121,7 +121,7 @@ def build(
         lifespan=lifespan,
         middleware=[
             Middleware(
-                Allowance,
+                Authorization,
                 token=token,
                 hosts=tuple(hosts),
                 free=(_STOP, _CANCEL),

@@ -21,8 +21,8 @@ from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.versions import NOMINAL
 from workbench.app import reading
 from workbench.library import Library
+from workbench.model_cache import ModelCache
 from workbench.numbers import listed
-from workbench.shelf import Shelf
 
 BUCKETS = 400
 """Stretches that a chart is drawn from; of each the lowest and highest sample of every curve is kept."""
@@ -36,8 +36,8 @@ _DIGITS = 6  # micro-radians
 class Compare:
     """The questions of the view; `routes` are their paths."""
 
-    def __init__(self, library: Library, shelf: Shelf) -> None:
-        self._library, self._shelf = library, shelf
+    def __init__(self, library: Library, cache: ModelCache) -> None:
+        self._library, self._cache = library, cache
 
     @property
     def routes(self) -> list[BaseRoute]:
@@ -51,7 +51,7 @@ class Compare:
 
     def _opened(self, request: Request) -> dict[str, Any]:
         path = self._path(request)
-        aligned, moving = self._shelf.recording(path), self._shelf.moving(path)
+        aligned, moving = self._cache.recording(path), self._cache.moving(path)
         return {
             "name": aligned.recording.name,
             "samples": len(aligned.time_s),
@@ -68,7 +68,7 @@ class Compare:
         `lag_ms` moves what the twins predict to later times.
         """
         path, versions = self._path(request), self._versions(request)
-        aligned = self._shelf.recording(path)
+        aligned = self._cache.recording(path)
         joints = request.query_params.getlist("joint")
         unknown = [name for name in joints if name not in aligned.joints]
         if unknown or len(joints) > _MOST_JOINTS:
@@ -77,7 +77,7 @@ class Compare:
         begin_s, until_s = _number(request, "from", 0.0), _number(request, "to", end_s)
         lag_s = 1e-3 * _number(request, "lag_ms", 0.0)
         onset_s = _onset(request)
-        comparisons = {version: self._shelf.comparison(path, version, onset_s) for version in versions}
+        comparisons = {version: self._cache.comparison(path, version, onset_s) for version in versions}
         first, last = np.searchsorted(aligned.time_s, [begin_s, until_s], side="left")
         # one sample beyond either end, so that the lines leave the chart
         chosen = slice(max(int(first) - 1, 0), min(int(last) + 2, len(aligned.time_s)))
@@ -112,16 +112,16 @@ class Compare:
 
     def _command(self, aligned: Aligned, column: int, time_s: np.ndarray) -> np.ndarray:
         """(k,) rad: where the joint was told to be; a tendon's angle in equal parts. NaN where no command drives it."""
-        drive = self._shelf.nominal.drive
+        drive = self._cache.nominal.drive
         if not drive[:, column].any():
             return np.full(len(time_s), np.nan)
-        return aligned.controls(self._shelf.nominal, time_s) @ np.linalg.pinv(drive)[column]
+        return aligned.controls(self._cache.nominal, time_s) @ np.linalg.pinv(drive)[column]
 
     def _errors(self, request: Request) -> dict[str, Any]:
         """Errors by joint, and by condition as a figure; `pending` while the twin is being rolled out."""
         path = self._path(request)
         (version,) = self._versions(request)[:1]
-        found = self._shelf.comparison(path, version, _onset(request))
+        found = self._cache.comparison(path, version, _onset(request))
         if found is None:
             return {"pending": True}
         moving = {name: error for name, error in found.joints.items() if error.moves}
@@ -147,7 +147,7 @@ class Compare:
         """The residual of one joint over position and velocity, as a figure."""
         path, joint = self._path(request), request.query_params.get("joint", "")
         (version,) = self._versions(request)[:1]
-        found = self._shelf.comparison(path, version, _onset(request))
+        found = self._cache.comparison(path, version, _onset(request))
         if found is None:
             return {"pending": True}
         if joint not in found.joints or not found.joints[joint].moves:
@@ -162,7 +162,7 @@ class Compare:
         given = request.query_params.getlist("version") or [NOMINAL]
         if len(given) > _MOST_VERSIONS:
             raise BadInput(f"{len(given)} versions at once", allowed=f"at most {_MOST_VERSIONS}")
-        return list(dict.fromkeys(self._shelf.version_id(reference) for reference in given))
+        return list(dict.fromkeys(self._cache.version_id(reference) for reference in given))
 
 
 def as_spec(one: Chart) -> dict[str, Any]:

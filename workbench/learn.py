@@ -26,7 +26,7 @@ from workbench.app import posting, reading
 from workbench.compare import as_spec
 from workbench.jobs import Job, Jobs, Kind
 from workbench.library import Library
-from workbench.shelf import Shelf
+from workbench.model_cache import ModelCache
 
 _MOST_STEPS = 12
 _MOST_CURVES = 8
@@ -35,8 +35,8 @@ _MOST_CURVES = 8
 class Learn:
     """The questions of the view. `data_options` say how recordings are read, as at the start of the workbench."""
 
-    def __init__(self, library: Library, shelf: Shelf, jobs: Jobs, data_options: list[str]) -> None:
-        self._library, self._shelf, self._jobs = library, shelf, jobs
+    def __init__(self, library: Library, cache: ModelCache, jobs: Jobs, data_options: list[str]) -> None:
+        self._library, self._cache, self._jobs = library, cache, jobs
         self._data_options = data_options
 
     @property
@@ -85,7 +85,7 @@ class Learn:
     def _common(self, body: dict[str, Any]) -> tuple[list[str], dict[str, str]]:
         """(options of the command, what it is about)."""
         path = self._library.path(str(body.get("recording", "")))
-        version = self._shelf.version_id(str(body.get("version") or NOMINAL))
+        version = self._cache.version_id(str(body.get("version") or NOMINAL))
         arguments = ["--recording", str(path), "--version", version, *self._data_options]
         if body.get("holdout"):
             arguments += ["--holdout", str(self._library.path(str(body["holdout"])))]
@@ -102,7 +102,7 @@ class Learn:
 
     def _place(self, name: object) -> str:
         """The twin's name of a joint, a command or the whole hand; what is none is never an option of a command."""
-        return self._shelf.nominal.place(str(name)).target
+        return self._cache.nominal.place(str(name)).target
 
     def _begun(self, kind: Kind, arguments: list[str], about: dict[str, str]) -> dict[str, Any]:
         return {"number": self._jobs.start(kind, arguments, about).number}
@@ -114,14 +114,14 @@ class Learn:
             {"key": kind.key, "title": kind.title, "acts_on": kind.acts_on, "story": vars(kind.story)}
             for kind in LIBRARY.values()
         ]
-        nominal = self._shelf.nominal
+        nominal = self._cache.nominal
         places = list(dict.fromkeys([*nominal.joints, *nominal.actuators, HAND, ROBOT]))
         return {"effects": effects, "places": places}
 
     def _effect(self, request: Request) -> dict[str, Any]:
         """What a typical amount of an effect does to a motion of the model. Nothing moves."""
         key, place = (request.query_params.get(name, "") for name in ("effect", "place"))
-        found = signature(self._shelf.nominal, key, self._place(place))
+        found = signature(self._cache.nominal, key, self._place(place))
         words = (
             f"A motion of {found.name} as commanded, without {key} and with it ({found.amounts}); below the difference."
         )
@@ -185,7 +185,7 @@ class Learn:
         proposed = (job.result or {}).get("next_experiment") if job is not None else None
         if job is None or proposed is None:
             raise BadInput("the last diagnosis proposes no experiment")
-        twin = self._shelf.twin(job.about["version"])
+        twin = self._cache.twin(job.about["version"])
         plan = load_trajectory(proposed["trajectory"], twin.hand).by_command(twin.hand)
         step_s = float(twin.model.opt.timestep)
         time_s = np.arange(int(np.ceil(plan.times_s[-1] / step_s)) + 1) * step_s

@@ -16,7 +16,7 @@ from twin_daemon.hand import load_hand
 from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
 from twin_daemon.versions import Draft, VersionStore
-from workbench.allowance import looking_token
+from workbench.authorization import looking_token
 
 NASTY = "<img src=x onerror=document.title='run'>"
 

@@ -25,7 +25,7 @@ from twin_daemon.signals.trajectory import load_trajectory
 from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
 from twin_daemon.versions import Draft, ParameterRecord, VersionStore
-from workbench.allowance import looking_token
+from workbench.authorization import looking_token
 
 
 def test_reading_is_free_and_everything_else_needs_the_token(served: Any) -> None:

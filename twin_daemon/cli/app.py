@@ -37,7 +37,7 @@ COMMANDS: dict[str, Entry] = {
     "play": Entry("play", "Recordings as if they were the hand.", LIVE),
     "record": Entry("record", "What hand and twin say, as an MCAP file; --keep saves the daemon's last minutes.", LIVE),
     "bridge": Entry("bridge", "Join a ROS 2 system and the twin.", LIVE),
-    "command": Entry("reach", "Commands to the real hand, through a gate: arm, move, trajectory, stop.", LIVE),
+    "command": Entry("hand_commands", "Commands to the real hand, through a gate: arm, move, trajectory, stop.", LIVE),
     "consent": Entry("consent", "Whether the twin may move the hand by itself: given, shown, withdrawn.", STATE),
     "workbench": Entry("workbench", "A page in the browser: live, compare, diagnose, add, history.", LIVE),
     "audit": Entry("audit", "The audit log: who asked for what, and whether the log is intact.", STATE),

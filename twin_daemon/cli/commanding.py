@@ -35,7 +35,7 @@ _PATIENCE_S = 5.0
 
 
 @dataclass(frozen=True)
-class Desk:
+class GateConnection:
     """An open way to the gate of one hand."""
 
     hand: Hand
@@ -44,7 +44,7 @@ class Desk:
 
 
 @contextlib.contextmanager
-def at_the_desk(
+def gate_connection(
     hand: str | None,
     model: Path | None,
     namespace: str | None,
@@ -52,7 +52,7 @@ def at_the_desk(
     name: str,
     *,
     with_lease: bool = False,
-) -> Iterator[Desk]:
+) -> Iterator[GateConnection]:
     """Connects to the daemon in the name of an identity, and with the lease of an earlier 'twin command arm' where that
     is asked for. Raises NoAnswer, and BadInput for keys that are not there."""
     from bridges.client import connect
@@ -68,7 +68,7 @@ def at_the_desk(
         commander = Commander(session, chosen.description, keyring, name)
         if with_lease:
             commander.lease = kept_lease(lease_file(chosen.description.namespace, name))
-        yield Desk(chosen, session, commander)
+        yield GateConnection(chosen, session, commander)
 
 
 def accepted(answer: dict[str, Any]) -> dict[str, Any]:
@@ -88,8 +88,8 @@ def body_of(plan: Trajectory) -> dict[str, Any]:
     }
 
 
-def see_through(
-    desk: Desk,
+def follow_motion(
+    connection: GateConnection,
     answer: dict[str, Any],
     stop: Stoppable,
     turn: Callable[[float], None] = time.sleep,
@@ -104,15 +104,15 @@ def see_through(
 
     guard = Guard(logging.getLogger("twin.command"))
     status = answer["gate"]
-    with desk.commander.beating(guard):
+    with connection.commander.beating(guard):
         while status["moving"]:
             if stop.is_set():
-                desk.commander.ask("disarm")
+                connection.commander.ask("disarm")
                 raise Refused(
                     "interrupted: the motion has been ended", todo="The hand holds where it is; it is disarmed"
                 )
             turn(_POLL_S)
-            status = desk.commander.status()
+            status = connection.commander.status()
             if status["duration_s"] is not None:
                 report(status["elapsed_s"], status["duration_s"])
     if status["ended"] != "done":

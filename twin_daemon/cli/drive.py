@@ -7,7 +7,7 @@ import time
 from datetime import UTC, datetime
 from pathlib import Path
 
-from twin_daemon.cli.commanding import accepted, at_the_desk, body_of, see_through
+from twin_daemon.cli.commanding import accepted, body_of, follow_motion, gate_connection
 from twin_daemon.cli.console import people, plain_text, progress_console
 from twin_daemon.errors import NoAnswer, Refused, TwinError
 from twin_daemon.resources import state_dir
@@ -29,18 +29,19 @@ def drive(
     from twin_daemon.signals.trajectory import load_trajectory
 
     console = people("-")
-    with on_termination() as stop, at_the_desk(hand, model, namespace, endpoint, name) as desk:
-        plan = load_trajectory(reference, desk.hand).by_command(desk.hand)
-        body, ask = body_of(plan), desk.commander.ask
+    with on_termination() as stop, gate_connection(hand, model, namespace, endpoint, name) as connection:
+        plan = load_trajectory(reference, connection.hand).by_command(connection.hand)
+        body, ask = body_of(plan), connection.commander.ask
         tried = accepted(ask("trajectory", **body, dry_run=True))["rehearsal"]
         console.print(f"rehearsed on the twin: {tried['duration_s']:.1f} s, hand clear of itself")
         folder = state_dir() / "recordings"
         folder.mkdir(parents=True, exist_ok=True)
         path = (
-            folder / f"run-{desk.hand.description.namespace.replace('/', '-')}-{datetime.now(UTC):%Y%m%dT%H%M%S}Z.mcap"
+            folder
+            / f"run-{connection.hand.description.namespace.replace('/', '-')}-{datetime.now(UTC):%Y%m%dT%H%M%S}Z.mcap"
         )
         ended: TwinError | None = None
-        with Recorder(desk.session, desk.hand.description, path) as recorder:
+        with Recorder(connection.session, connection.hand.description, path) as recorder:
             began_s = time.monotonic()
             while not recorder.done.messages["joint_states"]:
                 if time.monotonic() > began_s + _LISTEN_S or stop.is_set():
@@ -50,8 +51,8 @@ def drive(
             try:
                 answer = accepted(ask("trajectory", **body))
                 with progress_console().status("driving") as line:
-                    see_through(
-                        desk,
+                    follow_motion(
+                        connection,
                         answer,
                         stop,
                         turn=lambda seconds: recorder.work(seconds, stop),

@@ -147,7 +147,7 @@ def _serve(
 
         keeper = Gatekeeper(session, gate, register, keyring, description, recalibrate, link.silent_s)
         stack.callback(keeper.close)
-        promotions = Promotions(source, gate.foresight)
+        promotions = Promotions(source, gate.hand_model)
         stack.callback(promotions.close)
         where = f"listens at {address}" if how == "listens" else f"joined the router at {address}"
         log.info("the gate of %s %s, version %s", description.namespace, where, info["id"])

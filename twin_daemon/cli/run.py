@@ -65,9 +65,9 @@ def command(
     from bridges.diagnoser import Diagnoser
     from bridges.gate_link import DaemonEnd
     from bridges.gate_process import GateProcess
-    from bridges.keep import Keeper
     from bridges.recalibrator import Recalibrator
     from bridges.ring import Ring
+    from bridges.ring_saver import RingSaver
     from bridges.ros_keys import RosKeys
     from bridges.session import choose_endpoint, open_at_gate, open_daemon, someone_serves
     from bridges.stop import Hangup, on_termination
@@ -106,7 +106,7 @@ def command(
             gate=lambda: None if link is None else link.status(),
         )
         ring = Ring(60.0 * settings.daemon.keep_minutes, settings.daemon.keep_mib * 2**20)
-        keeper = Keeper(ring, chosen.description, state_dir() / "recordings", settings.daemon)
+        keeper = RingSaver(ring, chosen.description, state_dir() / "recordings", settings.daemon)
         ros = RosKeys(settings.ros) if settings.ros is not None else None
         if not chosen.commands:
             access = access_of(settings.access, address, keyring, chosen.description, folder, ros)

@@ -63,16 +63,16 @@ def command(
     from twin_daemon.files import write_atomically
     from twin_daemon.resources import own_state_dir, state_dir
     from twin_daemon.versions import VersionStore
-    from workbench.allowance import LOOPBACK, looking_token, new_token
     from workbench.app import build
+    from workbench.authorization import LOOPBACK, looking_token, new_token
     from workbench.compare import Compare
     from workbench.hands import Hands
     from workbench.history import History
     from workbench.jobs import Jobs
     from workbench.learn import Learn
     from workbench.library import Library
+    from workbench.model_cache import ModelCache
     from workbench.server import listen, serve
-    from workbench.shelf import Shelf
     from workbench.skeleton import Skeleton
 
     logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(levelname)s %(message)s")
@@ -80,22 +80,22 @@ def command(
     where = choose_endpoint(endpoint)
     silence_mujoco()
     library = Library(existing(recording), existing(folder) or [state_dir() / "recordings"])
-    shelf = Shelf(chosen, VersionStore.of(chosen), trajectory, joint_map)
+    cache = ModelCache(chosen, VersionStore.of(chosen), trajectory, joint_map)
     listener = listen(bind, port)
     token = new_token()
     local = is_loopback(bind)
     shown = f"[{bind}]" if ":" in bind else bind
     hosts = {*LOOPBACK, shown, socket.gethostname(), *(name or [])}
     for path in recording or []:
-        shelf.warm(path.absolute())
-    compare = Compare(library, shelf)
+        cache.warm(path.absolute())
+    compare = Compare(library, cache)
     jobs = Jobs(named_hand(hand, model))
     options_of_data = [*(["--trajectory", trajectory] if trajectory else [])]
     options_of_data += ["--joint-map", str(joint_map.absolute())] if joint_map else []
-    learn = Learn(library, shelf, jobs, options_of_data)
-    hands = Hands(chosen.description, Skeleton(shelf.nominal), where, fleet=fleet)
-    routes = [*compare.routes, *learn.routes, *History(shelf.store).routes]
-    app = build(chosen, hands, token, hosts, routes, [jobs.close, shelf.close], local=local)
+    learn = Learn(library, cache, jobs, options_of_data)
+    hands = Hands(chosen.description, Skeleton(cache.nominal), where, fleet=fleet)
+    routes = [*compare.routes, *learn.routes, *History(cache.store).routes]
+    app = build(chosen, hands, token, hosts, routes, [jobs.close, cache.close], local=local)
     name_shown = socket.gethostname() if bind in ("0.0.0.0", "::") else shown
     look = "" if local else f"#look={looking_token(token)}"
     address = f"http://{name_shown}:{listener.getsockname()[1]}/"

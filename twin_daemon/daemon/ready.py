@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from twin_daemon.daemon.posture import Posture
+from twin_daemon.daemon.kinematics import Kinematics
 from twin_daemon.daemon.predictor import Predictor
 from twin_daemon.daemon.settings import DaemonSettings
 from twin_daemon.simulation.twin import TwinModel
@@ -16,9 +16,9 @@ class Ready:
 
     twin: TwinModel
     predictor: Predictor
-    posture: Posture
+    kinematics: Kinematics
 
     @classmethod
     def made(cls, twin: TwinModel, settings: DaemonSettings) -> Ready:
         predictor = Predictor(twin, settings.horizon_s, settings.max_catch_up_s)
-        return cls(twin, predictor, Posture(twin))
+        return cls(twin, predictor, Kinematics(twin))

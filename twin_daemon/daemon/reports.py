@@ -56,7 +56,7 @@ def state(service: TwinService) -> dict[str, Any]:
         "commands": _commands(service),
         "prediction": _prediction(service),
         "gate": service.gate(),
-        "mirror": service.posture.at(mirror.position),
+        "mirror": service.kinematics.at(mirror.position),
     }
 
 

@@ -196,7 +196,7 @@ class TwinService:
             self.predictor.retime(settings.horizon_s, settings.max_catch_up_s)
 
     def _load(self, model: Ready, version: dict[str, Any]) -> None:
-        self.predictor, self.posture = model.predictor, model.posture
+        self.predictor, self.kinematics = model.predictor, model.kinematics
         self.version_info = version
         self._mjcf: str | None = None
 

@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 
 from twin_daemon.gate.ahead import in_the_way, way_back
-from twin_daemon.gate.foresight import Foresight
+from twin_daemon.gate.feedback import Feedback
+from twin_daemon.gate.hand_model import HandModel
 from twin_daemon.gate.let_go import LetGo, Path
 from twin_daemon.gate.limits import Limits
 from twin_daemon.gate.motion import Motion
-from twin_daemon.gate.senses import Senses
 from twin_daemon.gate.settings import GateSettings
 from twin_daemon.gate.shaper import Shaper
 from twin_daemon.gate.trips import Trip, Trips
@@ -29,23 +29,23 @@ class Drive:
         self,
         limits: Limits,
         settings: GateSettings,
-        senses: Senses,
+        feedback: Feedback,
         trips: Trips,
-        foresight: Foresight,
+        hand_model: HandModel,
         ended: Callable[[Trip, float], None],
     ) -> None:
-        self._limits, self._settings, self._senses, self._trips = limits, settings, senses, trips
+        self._limits, self._settings, self._feedback, self._trips = limits, settings, feedback, trips
         self._ended = ended
         self._path = Path(len(limits.names))
         self._rest = np.full(len(limits.names), np.nan)
         self.shaper = Shaper(limits)
         self.motion: Motion | None = None
         self.letting_go: LetGo | None = None
-        self.use(foresight)
+        self.use(hand_model)
 
-    def use(self, foresight: Foresight) -> None:
+    def use(self, hand_model: HandModel) -> None:
         """Looks ahead, and lets the twin run beside, with this from now on."""
-        self._preview, self._expected = foresight.preview, foresight.expected
+        self._preview, self._expected = hand_model.preview, hand_model.expected
 
     @property
     def is_under_way(self) -> bool:
@@ -59,7 +59,7 @@ class Drive:
 
     def start(self) -> np.ndarray:
         """Where each command is: its setpoint, else where the hand is."""
-        return self._senses.start(self.shaper.position)
+        return self._feedback.start(self.shaper.position)
 
     def armed(self) -> None:
         """Somebody begins anew; what still lets go may need the whole way back."""
@@ -72,7 +72,7 @@ class Drive:
         start, fresh = self.start(), motion.moved & ~self.shaper.given
         self.shaper.begin(np.where(fresh, start, np.nan))
         if self._expected.running and fresh.any():
-            self._expected.place(fresh, self._senses.pose, start)
+            self._expected.place(fresh, self._feedback.pose, start)
         self.motion = motion
         self.letting_go = None
 
@@ -95,7 +95,7 @@ class Drive:
             position, velocity = shaper.toward(rest if motion is None else motion.advance(dt_s), dt_s)
         else:
             goal = self.letting_go.follow(self.believed(now_s), now_s)
-            pose, now = self._senses.pose, self.start()
+            pose, now = self._feedback.pose, self.start()
             position, velocity, short = way_back(self._preview, shaper, pose, now, goal, dt_s)
             if self.letting_go.is_done(shaper.position, now_s, short):
                 word = self.letting_go.not_back(self._limits.names, shaper.position)
@@ -104,7 +104,7 @@ class Drive:
         if motion is not None and np.count_nonzero(velocity):
             now = self.start()
             then = np.where(shaper.given, shaper.stopping(position, velocity), now)
-            trip = in_the_way(self._preview, self._trips, self._senses.pose, now, then)
+            trip = in_the_way(self._preview, self._trips, self._feedback.pose, now, then)
             if trip is not None:
                 self._ended(trip, now_s)
                 position, velocity = shaper.toward(rest, dt_s)
@@ -119,10 +119,10 @@ class Drive:
         if not self.shaper.is_given:
             return
         if not self._expected.running:
-            self._expected.begin(self._senses.pose, self.start())
+            self._expected.begin(self._feedback.pose, self.start())
             self._trips.forget()
         self._expected.advance(self.shaper.position, since_s)
-        self._path.add(self.shaper.position, self._senses.by_command())
+        self._path.add(self.shaper.position, self._feedback.by_command())
         self._trips.sent(now_s, self.shaper.position.copy(), self._expected.reading)
 
     def let_go(self, sent: np.ndarray, is_last: bool, now_s: float) -> bool:
@@ -144,7 +144,7 @@ class Drive:
     def believed(self, now_s: float) -> np.ndarray:
         """Where the hand is, NaN where it is not heard or its readings cannot be. Where those of several joints cannot
         be it is no sensor's fault but the driver's, and none is believed."""
-        heard = self._senses.ages_s(now_s) <= self._settings.state_timeout_s
-        if len(self._senses.doubts(now_s)) > 1:
+        heard = self._feedback.ages_s(now_s) <= self._settings.state_timeout_s
+        if len(self._feedback.doubts(now_s)) > 1:
             heard = np.zeros_like(heard)
-        return np.where(heard & ~self._senses.doubted(now_s), self._senses.by_command(), np.nan)
+        return np.where(heard & ~self._feedback.doubted(now_s), self._feedback.by_command(), np.nan)

@@ -26,7 +26,8 @@ from twin_daemon.gate.checks import (
     first_refusal,
 )
 from twin_daemon.gate.drive import DONE, Drive
-from twin_daemon.gate.foresight import Foresight
+from twin_daemon.gate.feedback import Feedback
+from twin_daemon.gate.hand_model import HandModel
 from twin_daemon.gate.identity import Who
 from twin_daemon.gate.latch import Latch, kept_on_disk
 from twin_daemon.gate.limits import limits_of
@@ -35,7 +36,6 @@ from twin_daemon.gate.movement import Movement
 from twin_daemon.gate.outlet import Outlet
 from twin_daemon.gate.requests import Follow, Move, Request
 from twin_daemon.gate.sendable import Sendable
-from twin_daemon.gate.senses import Senses
 from twin_daemon.gate.settings import GateSettings
 from twin_daemon.gate.trips import PRESSES, Trip, Trips, Turn
 from twin_daemon.simulation.twin import TwinModel
@@ -74,29 +74,29 @@ class Gate:
         self.outlet = ""
         self.names_source: Callable[[str], str] = repr
         self._stream = told.Stream()
-        self._senses = Senses(twin, self.limits, settings)
+        self._feedback = Feedback(twin, self.limits, settings)
         self._trips = Trips(twin.hand, settings)
-        foresight = self.foresight(twin)
-        self._planner = foresight.planner
-        self._drive = Drive(self.limits, settings, self._senses, self._trips, foresight, self._end)
+        hand_model = self.hand_model(twin)
+        self._planner = hand_model.planner
+        self._drive = Drive(self.limits, settings, self._feedback, self._trips, hand_model, self._end)
         self._out = Outlet(self.limits.names)
         self.movement = Movement(twin.joints)
 
-    def foresight(self, twin: TwinModel) -> Foresight:
+    def hand_model(self, twin: TwinModel) -> HandModel:
         """What this gate looks ahead and rehearses with, of another model of the hand. Takes some milliseconds."""
-        return Foresight.of(twin, self.limits, self.settings)
+        return HandModel.of(twin, self.limits, self.settings)
 
-    def use(self, foresight: Foresight) -> None:
+    def use(self, hand_model: HandModel) -> None:
         """Looks ahead and rehearses with this from now on."""
         with self._lock:
-            self._planner = foresight.planner
-            self._drive.use(foresight)
+            self._planner = hand_model.planner
+            self._drive.use(hand_model)
 
     # -- what is seen of the hand --------------------------------------------------------------------------
 
     def measured(self, position: np.ndarray, arrival_s: np.ndarray, effort: Mapping[str, float] | None = None) -> None:
         """Where the joints (j,) were last measured, rad, and when that arrived, s. Waits for nobody."""
-        self._senses.measured(position, arrival_s, effort)
+        self._feedback.measured(position, arrival_s, effort)
         self.movement.add(position, float(arrival_s.max(initial=-np.inf)))
 
     def seen(
@@ -111,7 +111,7 @@ class Gate:
         with self._lock:
             with contextlib.suppress(BadInput, ValueError):
                 row = commands_of(self._hand, dict(zip(names, position.tolist(), strict=True)))
-                self._senses.told(row_of(self.limits, row))
+                self._feedback.told(row_of(self.limits, row))
             self._out.is_last = False
             if self._may.is_armed and now_s > self._out.first_s + _GRACE_S > 0.0:
                 by = f": {self.names_source(source)}" if source else ""
@@ -127,7 +127,7 @@ class Gate:
             dry = isinstance(request, (Move, Follow)) and request.dry_run
             with self._lock:
                 situation, generation = self._situation(asked, now_s), self._may.generation
-                measured, planner = self._senses.pose, self._planner
+                measured, planner = self._feedback.pose, self._planner
                 refusal = self._may.identified(asked, situation, dry)
             if refusal is None and not dry:
                 refusal = first_refusal(ALLOWED[verb], asked, situation)
@@ -229,7 +229,7 @@ class Gate:
                 self._drive.expect(since_s, now_s)
             sent = self._out.send(self._drive.shaper, now_s, wall_ns)
             if sent is not None:
-                self._senses.told(self._out.row)
+                self._feedback.told(self._out.row)
             return sent
 
     def _end(self, trip: Trip, now_s: float, tell: bool = True) -> None:
@@ -299,9 +299,9 @@ class Gate:
             settings=self.settings,
             setpoint=start,
             given=self._drive.shaper.given,
-            away=lambda: self._senses.farthest(start, now_s),
-            doubts=self._senses.doubts(now_s),
-            age_s=self._senses.ages_s(now_s),
+            away=lambda: self._feedback.farthest(start, now_s),
+            doubts=self._feedback.doubts(now_s),
+            age_s=self._feedback.ages_s(now_s),
             letting_go=letting_go is not None and letting_go.is_needed,
             doubt=self._may.doubted(now_s),
         )
@@ -316,7 +316,7 @@ class Gate:
         return self._drive.letting_go is not None
 
     def _seen_turn(self, now_s: float, since_s: float) -> Turn:
-        arrival_s = self._senses.arrivals_s()
+        arrival_s = self._feedback.arrivals_s()
         return Turn(
             now_s=now_s,
             since_last_turn_s=since_s,
@@ -325,11 +325,11 @@ class Gate:
             commander_patience_s=self._may.patience_s(),
             names=self.limits.names,
             setpoint=self._drive.shaper.position,
-            measured=self._senses.by_command(),
+            measured=self._feedback.by_command(),
             arrival_s=arrival_s,
             age_s=now_s - arrival_s,
-            effort=self._senses.effort,
-            doubts=self._senses.doubts(now_s),
+            effort=self._feedback.effort,
+            doubts=self._feedback.doubts(now_s),
             letting_go=self.letting_go,
         )
 
@@ -343,7 +343,7 @@ class Gate:
     def _warnings(self, asked: Asked, refusal: Refusal | None) -> list[str]:
         if asked.verb != "arm" or refusal is not None:
             return []
-        return told.warnings(self._hand, self._trips.effort_limit, self._senses.effort)
+        return told.warnings(self._hand, self._trips.effort_limit, self._feedback.effort)
 
     def _answer(self, asked: Asked, refusal: Refusal | None, now_s: float) -> dict[str, Any]:
         warnings = self._warnings(asked, refusal)

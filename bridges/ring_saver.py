@@ -33,7 +33,7 @@ _LEAST_S = 30.0  # less says too little
 _BEFORE_S = 1.0
 
 
-class Keeper:
+class RingSaver:
     """Answers `keep` on the transport's own thread, so that the loop goes on while the file is written.
 
     `recordings_quota_mib` bounds all that `folder` holds. Only what this class wrote itself (kept-*.mcap) may be

@@ -12,7 +12,7 @@ from twin_daemon.simulation.touches import dofs_that_move, touches
 from twin_daemon.simulation.twin import TwinModel
 
 
-class Posture:
+class Kinematics:
     """The geometry of a model at measured joint angles. Computed when somebody asks, not at every sample."""
 
     def __init__(self, twin: TwinModel) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from twin_daemon.cli.command import Group
-from twin_daemon.cli.commanding import As, Reason, accepted, at_the_desk, body_of, see_through
+from twin_daemon.cli.commanding import As, Reason, accepted, body_of, follow_motion, gate_connection
 from twin_daemon.cli.console import emit_json, people, plain_text, progress_console
 from twin_daemon.cli.leases import keep_lease, lease_file
 from twin_daemon.cli.options import HandName, Json, Model
@@ -18,7 +18,7 @@ from twin_daemon.errors import Refused, UsageError
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from twin_daemon.cli.commanding import Desk
+    from twin_daemon.cli.commanding import GateConnection
     from twin_daemon.hand import HandDescription
 
 app = Group("Commands to the real hand, through a gate that checks them. It is no certified stop.")
@@ -50,10 +50,10 @@ def arm(
 ) -> None:
     """Let commands through, for a reason and for a time. One commander at once, in one session: another one in the
     same name waits until the lease ends. The 'twin command's that follow share it."""
-    with at_the_desk(hand, model, namespace, endpoint, name, with_lease=renew) as desk:
-        answer = desk.commander.ask("arm", reason=reason, **({} if lease is None else {"lease_s": lease}))
+    with gate_connection(hand, model, namespace, endpoint, name, with_lease=renew) as connection:
+        answer = connection.commander.ask("arm", reason=reason, **({} if lease is None else {"lease_s": lease}))
         if answer["accepted"]:
-            keep_lease(lease_file(desk.hand.description.namespace, name), desk.commander.lease)
+            keep_lease(lease_file(connection.hand.description.namespace, name), connection.commander.lease)
     left_s = answer["gate"]["lease_left_s"] if answer["accepted"] else 0.0
     _tell(answer, json, "\n".join([f"armed for {left_s or 0.0:.0f} s", *answer.get("warnings", [])]))
 
@@ -68,8 +68,8 @@ def disarm(
     json: Json = None,
 ) -> None:
     """End the lease. What moves comes to rest; the hand holds."""
-    with at_the_desk(hand, model, namespace, endpoint, name, with_lease=True) as desk:
-        answer = desk.commander.ask("disarm")
+    with gate_connection(hand, model, namespace, endpoint, name, with_lease=True) as connection:
+        answer = connection.commander.ask("disarm")
     _tell(answer, json, "disarmed; the hand holds where it is")
 
 
@@ -89,8 +89,8 @@ def move(
 ) -> None:
     """Move some joints smoothly to their targets, and wait until they are there. Ctrl-C ends the motion."""
     body: dict[str, Any] = {"targets": _targets(targets), "dry_run": dry_run}
-    with at_the_desk(hand, model, namespace, endpoint, name, with_lease=True) as desk:
-        _motion(desk, "move", body | ({} if seconds is None else {"seconds": seconds}), json)
+    with gate_connection(hand, model, namespace, endpoint, name, with_lease=True) as connection:
+        _motion(connection, "move", body | ({} if seconds is None else {"seconds": seconds}), json)
 
 
 @app.command("trajectory")
@@ -108,8 +108,8 @@ def trajectory(
     from twin_daemon.signals.trajectory import load_trajectory
 
     plan = load_trajectory(reference, load_named(hand, model, namespace))
-    with at_the_desk(hand, model, namespace, endpoint, name, with_lease=True) as desk:
-        _motion(desk, "trajectory", {**body_of(plan.by_command(desk.hand)), "dry_run": dry_run}, json)
+    with gate_connection(hand, model, namespace, endpoint, name, with_lease=True) as connection:
+        _motion(connection, "trajectory", {**body_of(plan.by_command(connection.hand)), "dry_run": dry_run}, json)
 
 
 @app.command("stop")
@@ -175,8 +175,8 @@ def release(
     json: Json = None,
 ) -> None:
     """Undo a stop. The hand is not armed by it."""
-    with at_the_desk(hand, model, namespace, endpoint, name) as desk:
-        answer = desk.commander.ask("release", reason=reason)
+    with gate_connection(hand, model, namespace, endpoint, name) as connection:
+        answer = connection.commander.ask("release", reason=reason)
     _tell(answer, json, "released; not armed")
 
 
@@ -212,11 +212,11 @@ def _targets(pairs: list[str]) -> dict[str, float]:
     return found
 
 
-def _motion(desk: Desk, verb: str, body: dict[str, Any], json: str | None) -> None:
+def _motion(connection: GateConnection, verb: str, body: dict[str, Any], json: str | None) -> None:
     from bridges.stop import on_termination
 
     with on_termination() as stop:
-        answer = desk.commander.ask(verb, **body)
+        answer = connection.commander.ask(verb, **body)
         if body["dry_run"]:
             emit_json(json, answer)
             accepted(answer)
@@ -228,7 +228,9 @@ def _motion(desk: Desk, verb: str, body: dict[str, Any], json: str | None) -> No
         began_s = time.monotonic()
         console = progress_console()
         with console.status("moving") as line:
-            status = see_through(desk, answer, stop, report=lambda at, of: line.update(f"{at:.1f} of {of:.1f} s"))
+            status = follow_motion(
+                connection, answer, stop, report=lambda at, of: line.update(f"{at:.1f} of {of:.1f} s")
+            )
     emit_json(json, answer | {"gate": status})
     people(json).print(f"done in {time.monotonic() - began_s:.1f} s; the hand holds, and is still armed")
 

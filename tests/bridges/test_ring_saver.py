@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from bridges import cdr
-from bridges.keep import Keeper
 from bridges.ring import Ring
+from bridges.ring_saver import RingSaver
 from twin_daemon.daemon.messages import JointSample
 from twin_daemon.daemon.settings import DaemonSettings
 from twin_daemon.hand import load_hand
@@ -37,8 +37,8 @@ def ring() -> Ring:
     return held
 
 
-def keeper(folder: Path, **settings: object) -> Keeper:
-    return Keeper(ring(), load_hand().description, folder, DaemonSettings.model_validate(settings))
+def keeper(folder: Path, **settings: object) -> RingSaver:
+    return RingSaver(ring(), load_hand().description, folder, DaemonSettings.model_validate(settings))
 
 
 def test_what_is_kept_loads_as_a_recording(tmp_path: Path) -> None:
@@ -65,7 +65,7 @@ def test_what_the_hand_did_since_a_moment_is_kept_but_half_a_minute_at_least(
         payload = cdr.encode(JointSample(stamp_ns, NAMES, np.array([0.001 * number, 0.1])))
         for stream in ("joint_commands", "joint_states"):
             held.add(stream, stamp_ns, payload, 100.0 + 0.5 * number)
-    one = Keeper(held, load_hand().description, tmp_path, DaemonSettings())
+    one = RingSaver(held, load_hand().description, tmp_path, DaemonSettings())
     newest_ns = BEGIN_NS + (count - 1) * 500_000_000
     answer = one.keep(newest_ns - round(ago_s * 1e9))
     assert answer["seconds"] == pytest.approx(kept_s)
@@ -80,7 +80,7 @@ def test_two_keeps_are_two_files(tmp_path: Path) -> None:
 def test_nothing_is_kept_of_nothing(tmp_path: Path) -> None:
     description = load_hand().description
     for seconds, why in ((60.0, "nothing has arrived"), (0.0, "keep_minutes is 0")):
-        answer = Keeper(Ring(seconds, 2**20), description, tmp_path / "r", DaemonSettings()).keep()
+        answer = RingSaver(Ring(seconds, 2**20), description, tmp_path / "r", DaemonSettings()).keep()
         assert (answer["kept"], answer["messages"], answer["path"]) == (False, 0, None)
         assert why in answer["why"]
     assert not (tmp_path / "r").exists()

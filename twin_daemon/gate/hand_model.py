@@ -13,7 +13,7 @@ from twin_daemon.simulation.twin import TwinModel
 
 
 @dataclass(frozen=True)
-class Foresight:
+class HandModel:
     """A model's geometry ahead of the hand, its motion beside the hand, and the planner."""
 
     preview: Preview
@@ -21,9 +21,9 @@ class Foresight:
     expected: Expected
 
     @staticmethod
-    def of(twin: TwinModel, limits: Limits, settings: GateSettings) -> Foresight:
+    def of(twin: TwinModel, limits: Limits, settings: GateSettings) -> HandModel:
         """What a gate with these limits looks ahead and rehearses with. Takes some milliseconds."""
-        return Foresight(
+        return HandModel(
             Preview(twin, settings.collision_depth_m),
             Planner(twin, limits, settings),
             Expected(twin, limits, 1.0 / settings.rate_hz),

@@ -46,7 +46,7 @@ def looking_cookie(token: str) -> str:
     return f"twin-{hmac.new(token.encode(), b'cookie', hashlib.sha256).hexdigest()[:16]}"
 
 
-class Allowance:
+class Authorization:
     """The gate before the application (ASGI). `hosts` are the names under which this server may be asked.
 
     `free` are paths that anybody may post to: stopping a hand must not fail for want of a token. `local` says that only
@@ -110,7 +110,7 @@ class Allowance:
         enough = (self._token, self._looks) if reads or scope["path"] == ENTER else (self._token,)
         if len(given) == 1 and any(hmac.compare_digest(given[0].encode(), token) for token in enough):
             return None
-        return 401, "this needs an allowance: open the page with the whole address that 'twin workbench' printed"
+        return 401, "this needs a token: open the page with the whole address that 'twin workbench' printed"
 
     def _may_read(self, scope: Scope, headers: Headers, host: str) -> bool:
         """Whether somebody without a token may read this: on this machine, with the cookie, or what says nothing."""

@@ -31,7 +31,7 @@ _MOST_TWINS = 8
 Value = TypeVar("Value")
 
 
-class Shelf:
+class ModelCache:
     """Each thing is made once, however many ask; the oldest leave. One roll-out at a time, at low priority."""
 
     def __init__(self, hand: Hand, store: VersionStore, trajectory: str | None = None, joint_map: Path | None = None):

@@ -15,7 +15,7 @@ from twin_daemon.simulation.twin import TwinModel
 _SAG_RAD = 0.1  # a servo under load rests so far from its target
 
 
-class Senses:
+class Feedback:
     """By joint (j,) as measured, by command (c,) as the gate needs it."""
 
     def __init__(self, twin: TwinModel, limits: Limits, settings: GateSettings) -> None:
