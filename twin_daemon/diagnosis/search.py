@@ -24,7 +24,7 @@ from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.estimation.variables import EffectVariable
 from twin_daemon.executor import OutOfTime, TimeLimit, concurrently
 from twin_daemon.simulation.alignment import Aligned, moving_joints
-from twin_daemon.simulation.submodel import Part, drive_groups, linked
+from twin_daemon.simulation.submodel import drive_groups, linked
 from twin_daemon.simulation.twin import TwinModel
 
 
@@ -64,7 +64,7 @@ def diagnose(
         if above and twin.hand.description.nominal_uncertainty.mass > 0.0:
             # once more with what costs most: that links may be heavier than their model
             reduction = reduction.with_link_masses(twin)
-            again = [reduction.of(twin, Part(r.name, r.joints, ()), r.joints) for r, _ in above]
+            again = [reduction.together(twin, [reduced]) for reduced, _ in above]
             above = _above(concurrently(look, [r for r in again if r is not None]), outcomes, seed, say)
         shared = _shared(twin, reduction, above, len(looked_at), limit, seed, say) if len(above) > 1 else None
         if shared is not None:
@@ -72,7 +72,7 @@ def diagnose(
             for reduced, part in shared.looked_at:
                 outcomes.append(replace(_begun(reduced, part), within_floor=True))
             above = []
-        hunt = _Hunt(twin, reduction, moving, seed, say, most_effects, limit, outcomes, touching)
+        hunt = _Hunt(twin, reduction, seed, say, most_effects, limit, outcomes, touching)
         for unit in _units(twin, above):
             hunt.search(unit)
     except (KeyboardInterrupt, OutOfTime):
@@ -133,7 +133,6 @@ class _Hunt:
 
     twin: TwinModel
     reduction: Reduction
-    moving: Sequence[str]
     seed: int
     say: Say
     most_effects: int
@@ -165,8 +164,7 @@ class _Hunt:
             reduced, part = left[0]
             self.outcomes.append(self._searched(part, reduced))
         elif left:
-            joints = [n for n in self.moving if any(n in r.joints for r, _ in left)]
-            whole = self.reduction.of(twin, Part(left[0][0].name, tuple(joints), ()), joints)
+            whole = self.reduction.together(twin, [reduced for reduced, _ in left])
             if whole is None:
                 self.touching.append(left[0][0].name)
             else:
@@ -176,7 +174,7 @@ class _Hunt:
     def _above(self, twin: TwinModel, groups: Sequence[Reduced]) -> list[tuple[Reduced, PartFit]]:
         """Those groups that are above the floor with what the twin now has."""
         reduction = self.reduction.following(twin)
-        again = [reduction.of(twin, Part(r.name, r.joints, ()), r.joints) for r in groups]
+        again = [reduction.together(twin, [group]) for group in groups]
         looked_at = concurrently(look, [reduced for reduced in again if reduced is not None])
         return _above(looked_at, self.outcomes, self.seed, self.say, seen=True)
 

@@ -41,7 +41,7 @@ from twin_daemon.estimation.variables import Variable
 from twin_daemon.estimation.windows import spread
 from twin_daemon.executor import TimeLimit, concurrently
 from twin_daemon.places import HAND, ROBOT
-from twin_daemon.simulation.submodel import Part, linked
+from twin_daemon.simulation.submodel import linked
 from twin_daemon.simulation.terms import EffectTerm, Terms
 from twin_daemon.simulation.twin import TwinModel
 
@@ -149,7 +149,7 @@ class SharedSearch:
                 for r, _ in self._above
             ]
         whole = self._twin.changed(cause.terms(self._twin, values))
-        found = [self._reduction.of(whole, Part(r.name, r.joints, ()), r.joints) for r, _ in self._above]
+        found = [self._reduction.together(whole, [reduced]) for reduced, _ in self._above]
         return [reduced for reduced in found if reduced is not None]
 
     def _rows(self, cause: SharedCause, values: Mapping[str, float]) -> np.ndarray:
@@ -185,11 +185,8 @@ class SharedSearch:
     def joined(self, twin: TwinModel) -> list[tuple[Reduced, PartFit]]:
         """The groups as a twin has them, those that carry one another as one; none where one touches something."""
         groups = [reduced for reduced, _ in self._above]
-        found = []
-        for members in linked(twin, [group.joints for group in groups]):
-            own = {joint for i in members for joint in groups[i].joints}
-            joints = tuple(joint for joint in twin.joints if joint in own)
-            found.append(self._reduction.of(twin, Part(groups[members[0]].name, joints, ()), joints))
+        units = linked(twin, [group.joints for group in groups])
+        found = [self._reduction.together(twin, [groups[index] for index in members]) for members in units]
         whole = [reduced for reduced in found if reduced is not None]
         return concurrently(look, whole) if len(whole) == len(found) else []
 
@@ -249,7 +246,7 @@ class SharedSearch:
         cause, found = begun.cause, self.fitted(begun, limit)[0]
         twin = self._twin.changed(cause.terms(self._twin, found.values))
         reduction = self._reduction.following(twin)
-        cut = [reduction.of(twin, Part(r.name, r.joints, ()), r.joints) for r, _ in self._above]
+        cut = [reduction.together(twin, [reduced]) for reduced, _ in self._above]
         looked_at = concurrently(look, [reduced for reduced in cut if reduced is not None])
         there = SharedSearch(twin, reduction, looked_at)
         return (*there.fitted(there.at(cause, found.values), limit), there)
@@ -272,10 +269,8 @@ class SharedSearch:
         if squares is None and cause.effect.shared == "load":
             # a load ties the joints that carry it together, more than their measured motion can say of each other
             limit.check()
-            above, looked_at = (
-                self.joined(self._twin),
-                there.joined(self._twin.changed(cause.terms(self._twin, values))),
-            )
+            above = self.joined(self._twin)
+            looked_at = there.joined(self._twin.changed(cause.terms(self._twin, values)))
             squares = _passing(above, looked_at, seed)
         if squares is None:
             return None

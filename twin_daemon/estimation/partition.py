@@ -93,6 +93,12 @@ class Reduction:
         clear = length_s(train) > least_s and enough_held
         return Reduced(part.name, tuple(joints), small, tuple(train), tuple(holdout)) if clear else None
 
+    def together(self, twin: TwinModel, groups: Sequence[Reduced]) -> Reduced | None:
+        """Groups as one part of a twin, which may be another than they were cut from; of one group that group anew."""
+        own = {joint for group in groups for joint in group.joints}
+        joints = tuple(joint for joint in twin.joints if joint in own)
+        return self.of(twin, Part(groups[0].name, joints, ()), joints)
+
     def following(self, twin: TwinModel) -> Reduction:
         """The same with the measured motion smoothed by a twin that follows it better."""
         other = copy.copy(self)
