@@ -34,6 +34,10 @@ class Motion:
     velocity: np.ndarray
     acceleration: np.ndarray
 
+    def at(self, rows: slice) -> Motion:
+        """The motion at some of its times."""
+        return Motion(self.time_s[rows], self.position[rows], self.velocity[rows], self.acceleration[rows])
+
 
 def measured_motion(twin: TwinModel, recording: Aligned, stirring: np.ndarray) -> Motion:
     """The measured motion with its derivatives: the twin's prediction, moved smoothly to where the joints were.
@@ -90,11 +94,10 @@ class Needed:
     @cached_property
     def torque(self) -> Blocks:
         """(m, nv) generalised forces."""
-        return Blocks(len(self.motion.time_s), self.along)
+        return Blocks(len(self.motion.time_s), self._computed)
 
-    def along(self, rows: slice) -> np.ndarray:
-        """(len(rows), nv) generalised forces, computed anew."""
-        return _inverse(self.twin, self.motion, range(len(self.twin.joints)), rows)
+    def _computed(self, rows: slice) -> np.ndarray:
+        return _inverse(self.twin, self.motion.at(rows), range(len(self.twin.joints)))
 
 
 def reaction(needed: Needed, small: TwinModel) -> Reaction | None:
@@ -135,18 +138,20 @@ class _Difference:
 
     def torque(self, rows: slice, moved: np.ndarray | None = None) -> np.ndarray:
         """(len(rows), k) N m; with the sub-model's joints (k,) elsewhere by so much all the time."""
-        needed = self.needed
-        if moved is not None:
-            position = needed.motion.position.copy()
+        twin, motion = self.needed.twin, self.needed.motion.at(rows)
+        if moved is None:
+            whole = self.needed.torque(rows)
+        else:
+            position = motion.position.copy()
             position[:, self._inside] += moved
-            needed = Needed(needed.twin, replace(needed.motion, position=position))
-        own = [needed.twin.dof_adr[index] for index in self._inside]
-        small = _inverse(self.small, needed.motion, self._inside, rows)
-        return small[:, self.small.dof_adr] - needed.torque(rows)[:, own]
+            motion = replace(motion, position=position)
+            whole = _inverse(twin, motion, range(len(twin.joints)))
+        own = [twin.dof_adr[index] for index in self._inside]
+        return _inverse(self.small, motion, self._inside)[:, self.small.dof_adr] - whole[:, own]
 
 
-def _inverse(twin: TwinModel, motion: Motion, columns: Sequence[int], rows: slice) -> np.ndarray:
-    """(len(rows), nv) generalised forces that inertia and gravity ask for along a motion."""
+def _inverse(twin: TwinModel, motion: Motion, columns: Sequence[int]) -> np.ndarray:
+    """(m, nv) generalised forces that inertia and gravity ask for along a motion."""
     model = twin.model.__copy__()
     off = mujoco.mjtDisableBit
     model.opt.disableflags |= int(
@@ -154,12 +159,11 @@ def _inverse(twin: TwinModel, motion: Motion, columns: Sequence[int], rows: slic
     )
     data = mujoco.MjData(model)
     chosen = list(columns)
-    times = range(len(motion.time_s))[rows]
-    out = np.empty((len(times), model.nv))
-    for index, row in enumerate(times):
+    out = np.empty((len(motion.time_s), model.nv))
+    for row in range(len(motion.time_s)):
         data.qpos[twin.qpos_adr] = motion.position[row, chosen]
         data.qvel[twin.dof_adr] = motion.velocity[row, chosen]
         data.qacc[twin.dof_adr] = motion.acceleration[row, chosen]
         mujoco.mj_inverse(model, data)
-        out[index] = data.qfrc_inverse
+        out[row] = data.qfrc_inverse
     return out
