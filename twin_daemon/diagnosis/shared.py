@@ -322,7 +322,7 @@ def _passing(
         after = Validation(new, changed.holdout, seed=seed, first=before)
         if not after.judge(new.base).adequate:
             return None
-        squares.append((before.squares(old.base), after.squares(new.base)))
+        squares.append((before.squares(), after.squares()))
     return np.concatenate([b for b, _ in squares]), np.concatenate([a for _, a in squares])
 
 

@@ -92,9 +92,9 @@ class Validation:
             allowed=self.allowed,
         )
 
-    def squares(self, fit: Fit) -> np.ndarray:
-        """(n,) rad^2: mean over the joints of each held-out sample's squared error."""
-        return sample_squares(self._part.held_out(fit, self._holdout), self._known)
+    def squares(self) -> np.ndarray:
+        """(n,) rad^2: mean over the joints of each held-out sample's squared error, by the nuisances alone."""
+        return sample_squares(self._without((), adjusted=False), self._known)
 
     def _without(self, owned: tuple[str, ...], *, adjusted: bool) -> list[np.ndarray]:
         """The model without an effect on the held-out motion, computed once for all effects that own the same."""
