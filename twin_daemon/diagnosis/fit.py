@@ -149,10 +149,10 @@ def stands_out(fit: Fit) -> bool:
     if fit.hypothesis is None:
         return True
     effect, neutral = fit.hypothesis.effect, fit.hypothesis.effect.neutral()
-    names = effect.amplitudes or (effect.parameters[0].name,)
-    if all(fit.values[name] == neutral[name] for name in names):
+    values = fit.values
+    if all(values[name] == neutral[name] for name in effect.presence):
         return False  # what is gained beside it is its nuisances' own
-    return not fit.hypothesis.speaks_for(fit.problem.twin) or _leave_neutral(fit, names)
+    return not fit.hypothesis.speaks_for(fit.problem.twin) or _leave_neutral(fit, effect.presence)
 
 
 def is_idle(fit: Fit) -> bool:

@@ -67,7 +67,7 @@ class SharedCause:
         if self.effect.shared == "load":
             names = tuple(parameter.name for parameter in self.effect.parameters)
         else:
-            names = self.effect.amplitudes or (self.effect.parameters[0].name,)
+            names = self.effect.presence
         return tuple(name for name in names if name not in self.given)
 
     def terms(self, twin: TwinModel, values: Mapping[str, float]) -> Terms:

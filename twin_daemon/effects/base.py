@@ -278,6 +278,11 @@ class Effect(ABC):
         """The kind of nominal parameter that it stands for; None for none, and for the offset of a reading."""
         return None if self.stands_for == "offset" else self.stands_for
 
+    @property
+    def presence(self) -> tuple[str, ...]:
+        """The parameters that say whether the effect is there at all."""
+        return self.amplitudes or (self.parameters[0].name,)
+
     def neutral(self) -> dict[str, float]:
         """The values at which the effect changes nothing."""
         return {parameter.name: parameter.neutral for parameter in self.parameters}
