@@ -22,6 +22,7 @@ from twin_daemon.diagnosis.thresholds import (
     SCREENED_S,
     SHARED_FINALISTS,
     SHARED_HALVINGS,
+    SHARED_SETTLED_NATS,
     SHARED_SHARES,
     SHARED_STEPS,
     VALUE_FLOOR,
@@ -223,7 +224,7 @@ class SharedSearch:
                 slopes[:, column] = (rows - begun.rows) / step
             move = np.linalg.lstsq(slopes, -begun.rows, rcond=None)[0]
             expected = begun.cost - float(((begun.rows + slopes @ move) ** 2).sum())
-            if expected < 1.0 or begun.cost - expected > reach:  # half a nat
+            if 0.5 * expected < SHARED_SETTLED_NATS or begun.cost - expected > reach:
                 break
             begun = self._moved(begun, move)
         return begun, slopes

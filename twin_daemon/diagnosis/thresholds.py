@@ -46,6 +46,7 @@ SHARED_STEPS = tuple(
     Threshold(share, "1", "of a value that several groups share: its step for a slope, one for each round of its fit")
     for share in (0.1, 0.03, 0.01, 0.003)
 )
+SHARED_SETTLED_NATS = Threshold(0.5, "nats", "that a step of such values promises: with less their fit ends")
 SHARED_HALVINGS = Count(3, "halvings", "of a step of such values that gains nothing")
 
 # -- verdicts ------------------------------------------------------------------------------------------------

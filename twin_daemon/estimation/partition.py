@@ -21,7 +21,7 @@ from twin_daemon.estimation.thresholds import (
     STIRS_SIGMA,
 )
 from twin_daemon.estimation.windows import length_s, segments, spread
-from twin_daemon.simulation.alignment import Aligned, moving_joints
+from twin_daemon.simulation.alignment import MOVING_RAD, Aligned, moving_joints
 from twin_daemon.simulation.contacts import touching_times
 from twin_daemon.simulation.link_masses import LinkPaths
 from twin_daemon.simulation.prescribed import Motion, Needed, measured_motion, reaction
@@ -72,8 +72,8 @@ class Reduction:
         keep = {*joints, *(set(self.moving) & set(part.trunk))}
         small = submodel(twin, with_coupled(twin, keep), self._usual)
         recordings = (*self._train, *self._holdout)
-        stirring = [name for name, stirs in zip(twin.joints, self._stirring, strict=True) if stirs]
-        outside = [name for name in stirring if name not in small.joints]
+        left_out = np.array([name not in small.joints for name in twin.joints])
+        outside = bool((self._stirring & left_out).any())
         if outside and self._motions is None:
             self._smoothed(twin)
         cuts: list[Aligned] = []
@@ -183,7 +183,7 @@ def restricted(aligned: Aligned, small: TwinModel) -> Aligned:
 def _stirring(recording: Aligned) -> np.ndarray:
     """(j,) bool: the joints that move by more than their noise; a soft one that is held gives way to its neighbours."""
     noise = np.sqrt([noise_variance(column) for column in recording.measured.T])
-    return recording.moving | (recording.travel > STIRS_SIGMA * np.maximum(noise, LEAST_NOISE_RAD))
+    return recording.travel > np.minimum(STIRS_SIGMA * np.maximum(noise, LEAST_NOISE_RAD), MOVING_RAD)
 
 
 def _poses(twin: TwinModel, recording: Aligned) -> np.ndarray:
