@@ -270,21 +270,28 @@ class TestWithADaemon:
             return bool(operator.do("take")["prediction"])
 
         until(arrives)
-        sent = driver.do("publish", topic="joint_states", **pose, count=400, rate_hz=200.0)
         heard: dict[str, list[Any]] = {"prediction": [], "residual": []}
 
-        def came_back() -> bool:
-            for topic, messages in operator.do("take").items():
-                heard.setdefault(topic, []).extend(messages)
-            told = {one["stamp_ns"] for one in heard["prediction"]}
-            return len(told & set(sent)) >= 0.98 * len(sent) and bool(heard["residual"])
+        def median_ms() -> float:
+            """Milliseconds from a joint state's stamp to the arrival of its prediction, in a stream of 400."""
+            sent.extend(driver.do("publish", topic="joint_states", **pose, count=400, rate_hz=200.0))
+            stream = set(sent[-400:])
 
-        until(came_back)
-        arrival = {one["stamp_ns"]: one["arrival_ns"] for one in heard["prediction"]}
-        late_ms = sorted((arrival[stamp] - stamp) / MS for stamp in sent if stamp in arrival)
-        print(f"{len(late_ms)} of {len(sent)} came back; median {late_ms[len(late_ms) // 2]:.2f} ms,", end=" ")
-        print(f"99 % {late_ms[int(0.99 * len(late_ms))]:.2f} ms")
-        assert late_ms[len(late_ms) // 2] < 5000.0  # beside other programs, too
+            def came_back() -> bool:
+                for topic, messages in operator.do("take").items():
+                    heard.setdefault(topic, []).extend(messages)
+                return len({one["stamp_ns"] for one in heard["prediction"]} & stream) >= 392 and bool(heard["residual"])
+
+            until(came_back)
+            arrived = ((one["arrival_ns"], one["stamp_ns"]) for one in heard["prediction"])
+            late_ms = sorted((arrival - stamp) / MS for arrival, stamp in arrived if stamp in stream)
+            print(f"{len(late_ms)} of 400 came back; median {late_ms[len(late_ms) // 2]:.2f} ms,", end=" ")
+            print(f"99 % {late_ms[int(0.99 * len(late_ms))]:.2f} ms")
+            return late_ms[len(late_ms) // 2]
+
+        sent: list[int] = []
+        # a busy machine may hold up one stream, a slow bridge holds up all
+        assert any(median_ms() < 50.0 for _ in range(3))
         assert heard["prediction"][-1]["names"] == names
         assert np.isfinite(heard["prediction"][-1]["position"]).all()
         residual = heard["residual"][-1]
