@@ -9,7 +9,7 @@ import pytest
 
 from tests.simulation.made import FINGER, recorded
 from twin_daemon.comparison.split import hold_out
-from twin_daemon.estimation.windows import length_s, segments
+from twin_daemon.estimation.windows import _piece, length_s, segments
 from twin_daemon.simulation.alignment import Aligned, align
 from twin_daemon.simulation.contacts import touching_times
 from twin_daemon.simulation.submodel import parts
@@ -47,6 +47,27 @@ def test_a_piece_that_begins_in_a_swing_begins_where_the_joint_was(aligned: Alig
         begin = rate * (aligned.onset_s - piece.onset_s)
         assert piece.start_position[column] == pytest.approx(0.8 + size * np.sin(begin), abs=0.02 * size)
         assert piece.start_velocity[column] == pytest.approx(size * rate * np.cos(begin), abs=0.15 * size * rate)
+
+
+@pytest.mark.parametrize("backwards", [False, True], ids=["sets off", "stops"])
+def test_a_piece_that_begins_where_a_joint_sets_off_or_stops_begins_where_it_was(
+    aligned: Aligned, rng: np.random.Generator, backwards: bool
+) -> None:
+    """A fast servo reaches its speed within a sample: no line or cubic through those around it is right."""
+    speed, noise, column = 2.0, 5e-5, aligned.joints.index("rh_FFJ3")
+    # rests and strokes in turn, so that each piece begins within some samples of a corner
+    turn = np.mod(aligned.time_s, 1.5)
+    stroke = np.clip(turn - 0.7, 0.0, 0.2)
+    where = speed * (stroke if (not backwards) else 0.2 - np.clip(turn - 0.02, 0.0, 0.2))
+    measured = aligned.measured.copy()
+    measured[:, column] = 0.5 + where + noise * rng.standard_normal(len(where))
+    true = replace(aligned, measured=measured, unhidden=None)
+    width = round(0.12 / float(np.median(np.diff(aligned.time_s))))
+    corner = int(np.argmax(turn > (0.7 if not backwards else 0.22)))
+    for index in (corner - 1, corner, corner + 1):
+        piece = _piece(true, index, len(where), width)
+        assert piece.start_position[column] == pytest.approx(measured[index, column], abs=6 * noise)
+        assert min(abs(abs(piece.start_velocity[column]) - known) for known in (0.0, speed)) < 0.02
 
 
 def test_time_in_contact_is_in_no_piece(aligned: Aligned) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -119,33 +120,57 @@ def _piece(aligned: Aligned, start: int, stop: int, width: int) -> Aligned:
 def _state(time_s: np.ndarray, measured: np.ndarray, index: int, width: int) -> tuple[np.ndarray, np.ndarray]:
     """((j,) rad, (j,) rad/s) of all joints at a sample, from the line or the cubic through those around it.
 
-    A joint that is turning bends: the mean of the samples around it is then not where it is.
+    A joint that is turning bends: the mean of the samples around it is then not where it is. One that sets off or stops
+    within a sample or two is neither a line nor a cubic: the samples before that or those after it say where it is.
     """
     half = max(2, width // 3)
-    window = slice(max(0, index - half), index + half + 1)
+    around = slice(max(0, index - half), index + half + 1)
+    sides = slice(max(0, index - 2 * half), index + 1), slice(index, index + 2 * half + 1)
     pose, speed = np.full(measured.shape[1], np.nan), np.zeros(measured.shape[1])
-    for joint, column in enumerate(measured[window].T):
-        known = np.isfinite(column)
-        if known.sum() >= 4:
-            slope, at, bends = _local(time_s[window][known], column[known])
-            still = abs(slope) < STILL_RAD_S and not bends
-            pose[joint], speed[joint] = (column[known].mean(), 0.0) if still else (at, slope)
-        elif known.any():
-            pose[joint] = column[known].mean()
+    for joint, column in enumerate(measured.T):
+        local = _Local.of(time_s[around], column[around])
+        if local is not None and local.bends:
+            others = [other for side in sides if (other := _Local.of(time_s[side], column[side])) is not None]
+            best = min(others, key=lambda other: other.variance, default=local)
+            local = best if local.variance > BENDS * best.variance else local
+        if local is not None:
+            pose[joint], speed[joint] = local.position, local.velocity
+        elif np.isfinite(column[around]).any():
+            pose[joint] = np.nanmean(column[around])
     return pose, speed
 
 
-def _local(time_s: np.ndarray, values: np.ndarray) -> tuple[float, float, bool]:
-    """(slope, value) at time 0 of samples (n,), and whether they bend: a line leaves far more than a cubic does."""
-    line = np.polyfit(time_s, values, 1)
-    if len(values) > 6:
-        cubic = np.polyfit(time_s, values, 3)
-        left, least = (
-            float(((np.polyval(fit, time_s) - values) ** 2).sum()) / (len(values) - len(fit)) for fit in (line, cubic)
-        )
-        if left > BENDS * max(least, 1e-18):
-            return float(cubic[-2]), float(cubic[-1]), True
-    return float(line[0]), float(line[1]), False
+class _Local(NamedTuple):
+    """A joint at time 0 by some samples: rad, rad/s, rad^2 that the curve leaves, and whether they bend."""
+
+    position: float
+    velocity: float
+    variance: float
+    bends: bool
+
+    @classmethod
+    def of(cls, time_s: np.ndarray, values: np.ndarray) -> _Local | None:
+        """By samples (n,), NaN where one is missing: the mean of a joint that stands still, a line, or the cubic where
+        a line leaves far more than that. None where fewer than four are known."""
+        known = np.isfinite(values)
+        if known.sum() < 4:
+            return None
+        time_s, values = time_s[known], values[known]
+        line, line_variance = _curve(time_s, values, 1)
+        if len(values) > 6:
+            cubic, variance = _curve(time_s, values, 3)
+            if line_variance > BENDS * variance:
+                return cls(float(cubic[-1]), float(cubic[-2]), variance, True)
+        if abs(line[0]) < STILL_RAD_S:
+            return cls(float(values.mean()), 0.0, line_variance, False)
+        return cls(float(line[1]), float(line[0]), line_variance, False)
+
+
+def _curve(time_s: np.ndarray, values: np.ndarray, degree: int) -> tuple[np.ndarray, float]:
+    """The polynomial through samples (n,), and the rad^2 that it leaves for each degree of freedom."""
+    fit = np.polyfit(time_s, values, degree)
+    left = float(((np.polyval(fit, time_s) - values) ** 2).sum()) / (len(values) - len(fit))
+    return fit, max(left, 1e-18)
 
 
 def excerpts(recordings: Sequence[Aligned]) -> list[Aligned]:
