@@ -22,7 +22,7 @@ from typing import Any
 import yaml
 
 from bench.live import Peer
-from bridges.client import ask
+from bridges.zenoh.client import ask
 from twin_daemon.cli.children import free_port
 from twin_daemon.hand import load_hand
 from twin_daemon.resources import twin_command

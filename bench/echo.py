@@ -13,7 +13,7 @@ import numpy as np
 
 from bench.frame import Row, ratio_row
 from bench.live import ECHO, Driver, Peer
-from bridges.client import ask
+from bridges.zenoh.client import ask
 from twin_daemon.cli.children import free_port
 from twin_daemon.resources import twin_command
 

@@ -18,18 +18,18 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
-from bridges import cdr
 from twin_daemon.calibration.spaces import load_space
+from twin_daemon.daemon import cdr
 from twin_daemon.daemon.configuration import load_config
 from twin_daemon.daemon.messages import JointSample, MalformedPayload
 from twin_daemon.errors import BadInput
 from twin_daemon.gate.gate import Gate
-from twin_daemon.gate.identity import Keyring, Proof, Who, ensure_keyring
 from twin_daemon.gate.requests import KINDS, BadRequest, read_request
 from twin_daemon.gate.settings import GateSettings
 from twin_daemon.hand import load_hand
 from twin_daemon.hand.mjcf import compile_model
 from twin_daemon.recordings import load_joint_map, load_recording
+from twin_daemon.security.identity import Keyring, Proof, Who, ensure_keyring
 from twin_daemon.signals.trajectory import load_trajectory
 from twin_daemon.simulation.terms import load_terms
 from twin_daemon.simulation.twin import TwinModel

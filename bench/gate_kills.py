@@ -25,15 +25,15 @@ from pathlib import Path
 import numpy as np
 import zenoh
 
-from bridges import cdr
-from bridges.client import ask
-from bridges.commander import Commander
-from bridges.session import open_client
+from bridges.zenoh.client import ask
+from bridges.zenoh.commander import Commander
+from bridges.zenoh.session import open_client
 from twin_daemon.cli.children import free_port
-from twin_daemon.gate.identity import load_keyring
+from twin_daemon.daemon import cdr
 from twin_daemon.gate.settings import GateSettings
 from twin_daemon.hand import load_hand
 from twin_daemon.resources import twin_command
+from twin_daemon.security.identity import load_keyring
 
 _TELEOPERATE = "import sys; from bench.gate_kills import teleoperate; teleoperate(*sys.argv[1:])"
 _NETNS, _OUTER, _INNER = "twinbench", "10.213.7.1", "10.213.7.2"

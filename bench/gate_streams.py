@@ -24,13 +24,13 @@ import numpy as np
 
 from bench.gate_faults import Contact, Fault, Starts
 from twin_daemon.gate.gate import Gate
-from twin_daemon.gate.identity import NOBODY, Who
 from twin_daemon.gate.limits import Limits
 from twin_daemon.gate.preview import Preview
 from twin_daemon.gate.requests import KINDS, Request
 from twin_daemon.gate.sendable import Sendable
 from twin_daemon.gate.settings import GateSettings
 from twin_daemon.hand import load_hand
+from twin_daemon.security.identity import NOBODY, Who
 from twin_daemon.simulation.twin import TwinModel
 
 PEOPLE = (Who("ann", "operator"), Who("bob", "operator"), Who("eve", "viewer"), NOBODY, None)

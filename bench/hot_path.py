@@ -23,16 +23,16 @@ import mujoco
 import numpy as np
 import zenoh
 
-from bridges import cdr
-from bridges.ring import Ring
-from bridges.session import session_config
-from bridges.zenoh_bridge import ZenohBridge
+from bridges.zenoh.bridge import ZenohBridge
+from bridges.zenoh.session import session_config
+from twin_daemon.daemon import cdr
 from twin_daemon.daemon.messages import JointSample
 from twin_daemon.daemon.service import TwinService
 from twin_daemon.hand import load_hand
 from twin_daemon.plant import Plant
 from twin_daemon.plant.motions import rich
 from twin_daemon.plant.recording import simulate
+from twin_daemon.services.ring import Ring
 from twin_daemon.simulation.twin import TwinModel
 
 _PERIOD_NS = 1_000_000

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.live import Driver, Peer
-from bridges.client import ask
+from bridges.zenoh.client import ask
 from twin_daemon.cli.children import free_port
 from twin_daemon.hand import load_hand
 from twin_daemon.plant import Plant

@@ -27,10 +27,10 @@ import numpy as np
 import psutil
 import zenoh
 
-from bridges import cdr
-from bridges.client import ask
-from bridges.session import open_client
+from bridges.zenoh.client import ask
+from bridges.zenoh.session import open_client
 from twin_daemon.cli.children import free_port
+from twin_daemon.daemon import cdr
 from twin_daemon.daemon.messages import JointSample
 from twin_daemon.hand import load_hand
 from twin_daemon.plant import Plant
@@ -40,9 +40,9 @@ from twin_daemon.resources import twin_command
 
 ECHO = """
 import sys, time, zenoh
-from bridges import cdr
-from bridges.inbox import Inbox
-from bridges.session import open_daemon
+from twin_daemon.daemon import cdr
+from twin_daemon.services.inbox import Inbox
+from bridges.zenoh.session import open_daemon
 session, _ = open_daemon(sys.argv[1])
 publisher = session.declare_publisher(sys.argv[3], congestion_control=zenoh.CongestionControl.DROP)
 inbox = Inbox()

@@ -24,8 +24,8 @@ import numpy as np
 import psutil
 
 from bench.live import Driver, Peer
-from bridges.client import ask
-from tests.workbench.browser import Browser, Tab, chromium
+from bridges.zenoh.client import ask
+from tests.web.browser import Browser, Tab, chromium
 from twin_daemon.cli.children import free_port
 from twin_daemon.resources import twin_command
 

@@ -14,8 +14,8 @@ import sys
 import time
 import urllib.request
 
-from bridges.client import ask_once
-from bridges.session import choose_endpoint
+from bridges.zenoh.client import ask_once
+from bridges.zenoh.session import choose_endpoint
 from twin_daemon.errors import TwinError
 
 PATIENCE_S = 60.0

@@ -18,7 +18,7 @@ from rclpy.node import Node
 from rclpy.qos import qos_profile_action_status_default
 from rclpy.subscription import Subscription
 
-from bridges.guard import Guard
+from twin_daemon.services.guard import Guard
 
 _PERIOD_S = 0.5
 _STATUS = "/_action/status"

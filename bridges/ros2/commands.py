@@ -17,12 +17,12 @@ from std_msgs.msg import Empty, Header
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
-from bridges.guard import Guard
 from bridges.ros2.conversions import target_body, trajectory_body, trigger_reply
 from bridges.ros2.parameters import ARM_REASON, LEASE
 from bridges.ros2.requests import Requests
-from bridges.stopping import AFTER_S, stop_report
 from twin_daemon.daemon.messages import MalformedPayload
+from twin_daemon.services.guard import Guard
+from twin_daemon.services.stop_report import AFTER_S, stop_report
 
 VERBS = ("arm", "disarm", "stop", "release", "recalibrate", "cancel")
 # Of a stream the newest target is the one that counts.

@@ -13,9 +13,9 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64
 
-from bridges.guard import Guard
 from bridges.ros2.own_messages import OwnMessages
 from twin_daemon.hand import HandDescription
+from twin_daemon.services.guard import Guard
 
 log = logging.getLogger("twin.bridge")
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from bridges.stopping import in_words, is_safe
 from twin_daemon.daemon.messages import MalformedPayload
 from twin_daemon.recordings.trajectory_commands import TrajectoryMessage
+from twin_daemon.services.stop_report import in_words, is_safe
 
 OK, WARN, ERROR = 0, 1, 2  # levels of diagnostic_msgs/DiagnosticStatus
 MAX_POINTS = 10_000

@@ -11,11 +11,11 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock
 from rclpy.node import Node
 
-from bridges.guard import Guard
 from bridges.ros2.conversions import OK, WARN, diagnosis, gate_diagnosis, key_values
 from bridges.ros2.link import ZenohLink
 from bridges.ros2.requests import Requests
 from twin_daemon.hand import HandDescription
+from twin_daemon.services.guard import Guard
 
 _LONGEST_WAIT_S = 2.0
 _ANNOUNCED_S = 3.0  # it is said several times a second; who says nothing more has gone

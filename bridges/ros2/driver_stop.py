@@ -9,10 +9,10 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
-from bridges.driver_stop import answered
-from bridges.guard import Guard
 from bridges.ros2.link import ZenohLink
+from bridges.zenoh.driver_stop import answered
 from twin_daemon.hand import HandDescription
+from twin_daemon.services.guard import Guard
 
 
 class RosDriverStop:

@@ -13,11 +13,11 @@ from typing import Any
 
 import zenoh
 
-from bridges.asking import URGENT, Proves
-from bridges.connection import Connection
-from bridges.inbox import Inbox
-from bridges.sources import Speaker
+from bridges.zenoh.asking import URGENT, Proves
+from bridges.zenoh.connection import Connection
+from bridges.zenoh.sources import Speaker
 from twin_daemon.hand import HandDescription
+from twin_daemon.services.inbox import Inbox
 
 log = logging.getLogger("twin.bridge")
 

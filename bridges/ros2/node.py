@@ -18,9 +18,6 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
-from bridges import cdr
-from bridges.guard import Guard
-from bridges.residual import known_residual
 from bridges.ros2.action_goals import ActionGoals
 from bridges.ros2.commands import Commands
 from bridges.ros2.controllers import ControllerTopics
@@ -34,7 +31,10 @@ from bridges.ros2.parameters import PERIOD, declare_parameters
 from bridges.ros2.publishers import others_on
 from bridges.ros2.requests import Requests
 from bridges.ros2.trajectories import TrajectoryFollower
+from twin_daemon.daemon import cdr
 from twin_daemon.daemon.messages import JointSample, MalformedPayload
+from twin_daemon.services.guard import Guard
+from twin_daemon.services.residual_message import known_residual
 
 log = logging.getLogger("twin.bridge")
 

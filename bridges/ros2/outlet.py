@@ -17,12 +17,12 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from bridges import cdr
-from bridges.guard import Guard
 from bridges.ros2.link import ZenohLink
 from bridges.ros2.own_messages import OwnMessages
 from bridges.ros2.parameters import Parameters
+from twin_daemon.daemon import cdr
 from twin_daemon.daemon.messages import JointSample, MalformedPayload
+from twin_daemon.services.guard import Guard
 
 _STALE_S = 0.5
 

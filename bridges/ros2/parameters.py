@@ -10,15 +10,15 @@ from pydantic import ValidationError
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.node import Node
 
-from bridges.session import choose_endpoint
-from bridges.signer import Signer
+from bridges.zenoh.session import choose_endpoint
 from twin_daemon.errors import BadInput, nearest
-from twin_daemon.gate.identity import keys_file, load_keyring
 from twin_daemon.gate.settings import LONGEST_LEASE_S
 from twin_daemon.hand import HandDescription, load_hand
 from twin_daemon.hand.description import DEFAULT_HAND
 from twin_daemon.hand.schema import CommandOutput
 from twin_daemon.resources import state_dir
+from twin_daemon.security.identity import keys_file, load_keyring
+from twin_daemon.security.signer import Signer
 
 PERIOD = "diagnostics_period_s"
 ARM_REASON = "arm_reason"

@@ -8,12 +8,12 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
-from bridges.asking import believed
 from bridges.ros2.conversions import gate_answer, refusal_line
 from bridges.ros2.link import ZenohLink
-from bridges.signer import Signer, keys_of_the_machine
-from twin_daemon.gate.identity import ANONYMOUS
+from bridges.zenoh.asking import believed
 from twin_daemon.hand import HandDescription
+from twin_daemon.security.identity import ANONYMOUS
+from twin_daemon.security.signer import Signer, keys_of_the_machine
 
 log = logging.getLogger("twin.bridge")
 

@@ -13,9 +13,9 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 
 from bridges.ros2.node import TwinBridge
-from bridges.stop import Stoppable
 from twin_daemon.daemon.notify import Notifier
 from twin_daemon.errors import BadInput, UsageError
+from twin_daemon.services.stop import Stoppable
 
 log = logging.getLogger("twin.bridge")
 _TURN_S = 0.1  # how long a signal may wait to be noticed

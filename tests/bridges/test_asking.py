@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 import zenoh
 
-from bridges.commander import Commander
-from bridges.session import session_config
+from bridges.zenoh.commander import Commander
+from bridges.zenoh.session import session_config
 from tests.processes.conftest import until
 from twin_daemon.cli.children import free_port
 from twin_daemon.hand import load_hand

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bridges.player import Timeline
+from bridges.zenoh.player import Timeline
 from twin_daemon.recordings import load_recording
 from twin_daemon.recordings.recording import Recording
 from twin_daemon.recordings.writer import McapWriter

@@ -14,14 +14,14 @@ import zenoh
 
 from bridges.ros2.link import ZenohLink
 from bridges.ros2.requests import Requests
-from bridges.session import session_config
-from bridges.signer import Signer
+from bridges.zenoh.session import session_config
 from tests.processes.conftest import free_port, until
 from twin_daemon.gate.gate import Gate
-from twin_daemon.gate.identity import Identity, Keyring, Proof
 from twin_daemon.gate.requests import read_request
 from twin_daemon.gate.settings import GateSettings
 from twin_daemon.hand import load_hand
+from twin_daemon.security.identity import Identity, Keyring, Proof
+from twin_daemon.security.signer import Signer
 from twin_daemon.simulation.twin import TwinModel
 
 KEYRING = Keyring({"ann": Identity(role="operator", key="ab" * 32)})

@@ -16,9 +16,6 @@ import numpy as np
 import pytest
 import zenoh
 
-from bridges import cdr
-from bridges.guard import Guard
-from bridges.residual import known_residual
 from bridges.ros2 import conversions
 from bridges.ros2.conversions import (
     diagnosis,
@@ -30,11 +27,14 @@ from bridges.ros2.conversions import (
     trigger_reply,
 )
 from bridges.ros2.trajectories import TrajectoryFollower, TrajectoryMessage
-from bridges.session import session_config
+from bridges.zenoh.session import session_config
 from tests.bridges.ros_network import Peer, latest, needs_ros
 from tests.processes.conftest import Twin, until
+from twin_daemon.daemon import cdr
 from twin_daemon.daemon.messages import JointSample, MalformedPayload
 from twin_daemon.hand import load_hand
+from twin_daemon.services.guard import Guard
+from twin_daemon.services.residual_message import known_residual
 
 MS = 1_000_000
 NS = "shadow_hand"

@@ -8,14 +8,14 @@ from typing import Any
 
 import pytest
 
-from bridges.client import ask
-from bridges.commander import Commander
+from bridges.zenoh.client import ask
+from bridges.zenoh.commander import Commander
 from tests.bridges.ros_network import Peer, needs_ros
 from tests.bridges.test_ros2_commands import NS, Scene, call
 from tests.processes.conftest import Twin, until
 from tests.processes.test_automatic import ACTIVE
-from twin_daemon.gate.identity import load_keyring
 from twin_daemon.hand import load_hand
+from twin_daemon.security.identity import load_keyring
 
 pytestmark = needs_ros
 

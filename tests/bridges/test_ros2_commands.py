@@ -15,12 +15,12 @@ import pytest
 import yaml
 import zenoh
 
-from bridges import cdr
-from bridges.commander import Commander
-from bridges.session import open_client, session_config
-from bridges.sources import Sources
+from bridges.zenoh.commander import Commander
+from bridges.zenoh.session import open_client, session_config
+from bridges.zenoh.sources import Sources
 from tests.bridges.ros_network import Peer, needs_ros
 from tests.processes.conftest import Twin, until
+from twin_daemon.daemon import cdr
 from twin_daemon.daemon.messages import JointSample
 from twin_daemon.gate.audit import entries_of
 from twin_daemon.hand import load_hand

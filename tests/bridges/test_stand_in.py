@@ -10,12 +10,12 @@ import time
 import numpy as np
 import pytest
 
-from bridges.inbox import Inbox
-from bridges.pace import Pace
-from bridges.stand_in import by_command, easy_motion, holding_the_rest
-from bridges.stop import StopSignal, on_termination
+from bridges.zenoh.stand_in import by_command, easy_motion, holding_the_rest
 from twin_daemon.daemon.messages import JointSample
 from twin_daemon.hand import load_hand
+from twin_daemon.services.inbox import Inbox
+from twin_daemon.services.pace import Pace
+from twin_daemon.services.stop import StopSignal, on_termination
 from twin_daemon.signals.trajectory import load_trajectory
 
 

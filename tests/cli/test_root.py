@@ -15,9 +15,9 @@ from pathlib import Path
 
 import pytest
 
-from twin_daemon.gate.identity import load_keyring
 from twin_daemon.privileges import owner_on_the_way
 from twin_daemon.resources import twin_command
+from twin_daemon.security.identity import load_keyring
 
 SERVICE = 64_321  # nobody's number
 

@@ -13,7 +13,7 @@ import pytest
 
 from twin_daemon.cli.app import main
 from twin_daemon.cli.units import UNITS
-from twin_daemon.gate.identity import load_keyring
+from twin_daemon.security.identity import load_keyring
 
 UNIT_FOLDER = "etc/systemd/system"
 PROGRAM = "/opt/elsewhere/bin/twin"

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from twin_daemon.gate.gate import Gate
-from twin_daemon.gate.identity import Who
 from twin_daemon.gate.requests import KINDS
 from twin_daemon.gate.sendable import Sendable
 from twin_daemon.gate.settings import GateSettings
 from twin_daemon.hand import load_hand
+from twin_daemon.security.identity import Who
 from twin_daemon.simulation.twin import TwinModel
 
 ANN, BOB, EVE = Who("ann", "operator"), Who("bob", "operator"), Who("eve", "viewer")

@@ -10,7 +10,7 @@ import pytest
 
 from tests.gate.conftest import ANN, BOB, EVE, Rig
 from twin_daemon.gate import checks
-from twin_daemon.gate.identity import NOBODY
+from twin_daemon.security.identity import NOBODY
 from twin_daemon.simulation.twin import TwinModel
 
 Scenario = Callable[[Rig], dict[str, Any]]

@@ -10,9 +10,9 @@ import pytest
 
 from tests.gate.conftest import Rig
 from twin_daemon.errors import BadInput
-from twin_daemon.gate.identity import NOBODY
 from twin_daemon.gate.sendable import Sendable
 from twin_daemon.plant import Plant, parse_hidden
+from twin_daemon.security.identity import NOBODY
 from twin_daemon.signals.trajectory import load_trajectory
 from twin_daemon.simulation.twin import TwinModel
 

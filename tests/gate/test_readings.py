@@ -11,11 +11,11 @@ import pytest
 from tests.gate.conftest import Rig
 from tests.gate.test_contact import PlantRig
 from twin_daemon.errors import BadInput
-from twin_daemon.gate.identity import NOBODY
 from twin_daemon.gate.preview import Preview
 from twin_daemon.gate.sendable import Sendable
 from twin_daemon.hand import load_hand
 from twin_daemon.plant import Faulty, parse_fault
+from twin_daemon.security.identity import NOBODY
 from twin_daemon.simulation.twin import TwinModel
 
 

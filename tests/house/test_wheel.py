@@ -42,7 +42,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_wheel_holds_what_page_and_service_are_made_of(wheel: Path) -> None:
     held = set(zipfile.ZipFile(wheel).namelist())
-    folders = ("twin_daemon/report/templates", "workbench/templates", "workbench/static")
+    folders = ("twin_daemon/report/templates", "twin_daemon/web/templates", "twin_daemon/web/static")
     needed = {str(path.relative_to(ROOT)) for folder in folders for path in (ROOT / folder).iterdir()}
     needed |= {f"twin_daemon/_data/systemd/{path.name}" for path in (ROOT / "systemd").iterdir()}
     assert len(needed) > 20

@@ -11,15 +11,15 @@ import pytest
 import yaml
 import zenoh
 
-from bridges import cdr
-from bridges.client import ask
-from bridges.commander import Commander
-from bridges.fleet import look
-from bridges.session import open_client
+from bridges.zenoh.client import ask
+from bridges.zenoh.commander import Commander
+from bridges.zenoh.fleet import look
+from bridges.zenoh.session import open_client
+from twin_daemon.daemon import cdr
 from twin_daemon.daemon.messages import JointSample
 from twin_daemon.errors import NoAnswer
-from twin_daemon.gate.identity import load_keyring
 from twin_daemon.hand import load_hand
+from twin_daemon.security.identity import load_keyring
 
 NS = "shadow_hand"
 
@@ -71,7 +71,7 @@ def test_each_may_do_what_his_role_says(
         until(lambda: sessions["hand"].put(f"{NS}/joint_states", sample) or received() > 0)
 
         keyring = load_keyring(keys)
-        monkeypatch.setattr("bridges.commander._PATIENCE_S", 1.0)
+        monkeypatch.setattr("bridges.zenoh.commander._PATIENCE_S", 1.0)
         arm = {"reason": "a test"}
         operator = Commander(sessions["operator"], description, keyring, "operator")
         until(lambda: sessions["hand"].put(f"{NS}/joint_states", sample) or operator.ask("arm", **arm)["accepted"])
@@ -104,5 +104,5 @@ def test_a_wrong_password_gets_no_session(
     opened = open_client(twin.endpoint, 60.0)
     assert opened is not None
     opened.close()
-    monkeypatch.setattr("bridges.session.credentials", lambda _name: ("operator", "guessed"))
+    monkeypatch.setattr("bridges.zenoh.session.credentials", lambda _name: ("operator", "guessed"))
     assert open_client(twin.endpoint, 1.0) is None

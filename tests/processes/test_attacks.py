@@ -11,16 +11,16 @@ import psutil
 import pytest
 import zenoh
 
-from bridges.client import ask
-from bridges.commander import Commander
-from bridges.session import open_client
+from bridges.zenoh.client import ask
+from bridges.zenoh.commander import Commander
+from bridges.zenoh.session import open_client
 from twin_daemon.hand import load_hand
 
 NS = "shadow_hand"
 MIB = 2**20
 FLOOD = """
 import itertools, sys, threading
-from bridges.session import open_client
+from bridges.zenoh.session import open_client
 endpoint, keys = sys.argv[1], sys.argv[2:]
 payloads = itertools.cycle([b"", b"\\x00\\x01\\x00\\x00" + b"x" * 1500, b"[" * 3000, bytes(300_000)])
 session = open_client(endpoint, 10.0)

@@ -12,13 +12,13 @@ from typing import Any
 import pytest
 import yaml
 
-from bridges.client import ask
-from bridges.commander import Commander
-from bridges.session import open_client
+from bridges.zenoh.client import ask
+from bridges.zenoh.commander import Commander
+from bridges.zenoh.session import open_client
 from tests.processes.test_command import NS, SLOW_MACHINE, Scene
 from twin_daemon.gate.audit import entries_of
-from twin_daemon.gate.identity import load_keyring
 from twin_daemon.hand import load_hand
+from twin_daemon.security.identity import load_keyring
 
 ACTIVE = {"mode": "active", "on_drift": False, "countdown_s": 5.0, "trajectory": "hand_closing", "nice": 0}
 

@@ -14,17 +14,17 @@ import pytest
 import yaml
 import zenoh
 
-from bridges import cdr
-from bridges.authority import Authority
-from bridges.client import ask
-from bridges.commander import Commander
-from bridges.session import open_client, session_config
-from bridges.tls import DAEMON
+from bridges.zenoh.client import ask
+from bridges.zenoh.commander import Commander
+from bridges.zenoh.session import open_client, session_config
 from twin_daemon.cli.app import main
+from twin_daemon.daemon import cdr
 from twin_daemon.daemon.messages import JointSample
 from twin_daemon.errors import NoAnswer
-from twin_daemon.gate.identity import load_keyring
 from twin_daemon.hand import load_hand
+from twin_daemon.security.certificate_authority import Authority
+from twin_daemon.security.identity import load_keyring
+from twin_daemon.security.tls import DAEMON
 
 NS = "shadow_hand"
 
@@ -36,7 +36,7 @@ def guarded(twin: Any, tmp_path: Path, state_dir: Path, monkeypatch: pytest.Monk
     twin._environment["TWIN_ENDPOINT"] = twin.endpoint
     assert main(["security", "init"]) == 0
     assert main(["security", "add", "ann"]) == 0
-    monkeypatch.setattr("bridges.commander._PATIENCE_S", 1.0)
+    monkeypatch.setattr("bridges.zenoh.commander._PATIENCE_S", 1.0)
     config = tmp_path / "twin.yaml"
     config.write_text(yaml.safe_dump({"access": {"certificates": True}, "gate": {"state_timeout_s": 5.0}}))
     daemon = twin.start("run", "-c", str(config))

@@ -14,15 +14,15 @@ import pytest
 import yaml
 import zenoh
 
-from bridges import cdr
-from bridges.client import ask
-from bridges.commander import Commander
-from bridges.session import open_client
+from bridges.zenoh.client import ask
+from bridges.zenoh.commander import Commander
+from bridges.zenoh.session import open_client
 from twin_daemon.cli.leases import keep_lease, lease_file
+from twin_daemon.daemon import cdr
 from twin_daemon.daemon.messages import JointSample
 from twin_daemon.gate.audit import entries_of, verify
-from twin_daemon.gate.identity import Identity, Keyring, load_keyring
 from twin_daemon.hand import load_hand
+from twin_daemon.security.identity import Identity, Keyring, load_keyring
 
 NS = "shadow_hand"
 SLOW_MACHINE = {"gate": {"heartbeat_s": 2.0, "state_timeout_s": 2.0, "command_age_s": 30.0, "tracking_time_s": 0.5}}

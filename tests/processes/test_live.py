@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import zenoh
 
-from bridges import cdr
-from bridges.client import ask
-from bridges.session import open_client, session_config
+from bridges.zenoh.client import ask
+from bridges.zenoh.session import open_client, session_config
+from twin_daemon.daemon import cdr
 from twin_daemon.daemon.messages import JointSample
 
 NS = "shadow_hand"

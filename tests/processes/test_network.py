@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 import zenoh
 
-from bridges import cdr
-from bridges.client import ask
-from bridges.ros_keys import RosKeys, type_hash
-from bridges.session import open_client, open_daemon, session_config
+from bridges.zenoh.client import ask
+from bridges.zenoh.ros_keys import RosKeys, type_hash
+from bridges.zenoh.session import open_client, open_daemon, session_config
 from tests.processes.conftest import free_port
+from twin_daemon.daemon import cdr
 from twin_daemon.daemon.messages import JointSample
 from twin_daemon.daemon.settings import RosSettings
 from twin_daemon.errors import BadInput, NoAnswer
@@ -101,7 +101,7 @@ def test_two_hands_in_one_network_do_not_hear_each_other(twin: Any, until: Any) 
 
 
 def test_a_router_on_another_machine_that_is_not_there_is_missed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bridges.session._ROUTER_S", 0.1)
+    monkeypatch.setattr("bridges.zenoh.session._ROUTER_S", 0.1)
     elsewhere = "tcp/192.0.2.1:7447"  # kept for documentation: nobody has this address (RFC 5737)
     with pytest.raises(NoAnswer, match="another machine's address"):
         open_daemon(elsewhere)

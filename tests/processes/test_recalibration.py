@@ -10,11 +10,11 @@ import psutil
 import pytest
 import yaml
 
-from bridges.client import ask
-from bridges.commander import Commander
-from bridges.session import open_client
-from twin_daemon.gate.identity import load_keyring
+from bridges.zenoh.client import ask
+from bridges.zenoh.commander import Commander
+from bridges.zenoh.session import open_client
 from twin_daemon.hand import load_hand
+from twin_daemon.security.identity import load_keyring
 from twin_daemon.simulation.twin import TwinModel
 from twin_daemon.versions import Draft, VersionStore
 

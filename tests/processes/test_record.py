@@ -18,8 +18,8 @@ import zenoh
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-from bridges.client import ask
-from bridges.session import open_client
+from bridges.zenoh.client import ask
+from bridges.zenoh.session import open_client
 from tests.processes.conftest import Twin, until
 from twin_daemon.cli.app import main
 from twin_daemon.errors import BadInput

@@ -15,18 +15,18 @@ import numpy as np
 import pytest
 import zenoh
 
-from bridges import cdr
-from bridges.client import ask
-from bridges.gatekeeper import Gatekeeper
-from bridges.register import Register
-from bridges.session import open_client, session_config
+from bridges.zenoh.client import ask
+from bridges.zenoh.gatekeeper import Gatekeeper
+from bridges.zenoh.session import open_client, session_config
 from tests.processes.manager import Manager
+from twin_daemon.daemon import cdr
 from twin_daemon.daemon.messages import JointSample
 from twin_daemon.gate.audit import AuditLog
 from twin_daemon.gate.gate import Gate
-from twin_daemon.gate.identity import ensure_keyring, load_keyring
 from twin_daemon.gate.settings import GateSettings
 from twin_daemon.hand import load_hand
+from twin_daemon.security.identity import ensure_keyring, load_keyring
+from twin_daemon.services.register import Register
 from twin_daemon.simulation.twin import TwinModel
 
 NS = "shadow_hand"

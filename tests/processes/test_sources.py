@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bridges import cdr
-from bridges.client import ask
-from bridges.session import open_client
+from bridges.zenoh.client import ask
+from bridges.zenoh.session import open_client
 from tests.processes.test_command import NS, Scene
+from twin_daemon.daemon import cdr
 from twin_daemon.daemon.messages import JointSample
 
 

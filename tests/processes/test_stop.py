@@ -13,13 +13,13 @@ from typing import Any
 import yaml
 import zenoh
 
-from bridges.client import ask
-from bridges.commander import Commander
-from bridges.session import open_client, session_config
+from bridges.zenoh.client import ask
+from bridges.zenoh.commander import Commander
+from bridges.zenoh.session import open_client, session_config
 from twin_daemon.gate.audit import entries_of, verify
-from twin_daemon.gate.identity import load_keyring
 from twin_daemon.hand import load_hand
 from twin_daemon.resources import models_dir
+from twin_daemon.security.identity import load_keyring
 
 NS = "shadow_hand"
 SLOW_MACHINE = {"heartbeat_s": 2.0, "state_timeout_s": 2.0, "command_age_s": 30.0}

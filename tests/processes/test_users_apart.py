@@ -19,8 +19,8 @@ import pytest
 from tests.cli.test_root import PYTHON, SERVICE, pytestmark  # noqa: F401 - it needs what those tests need
 from twin_daemon.cli.children import free_port
 from twin_daemon.cli.unit_identities import hand_out, with_unit_identities
-from twin_daemon.gate.identity import KEYS, ensure_keyring
 from twin_daemon.resources import twin_command
+from twin_daemon.security.identity import KEYS, ensure_keyring
 
 WORKBENCH = SERVICE + 1
 TRY = """

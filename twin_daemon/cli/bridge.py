@@ -36,7 +36,7 @@ def ros2(
 ) -> int:
     """Join a ROS 2 system and the twin: joint states and commands in, prediction, residual and diagnostics out."""
     from bridges.ros2.presence import require_ros
-    from bridges.stop import on_termination
+    from twin_daemon.services.stop import on_termination
 
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
     chosen = {"hand": hand, "namespace": namespace, "endpoint": endpoint}

@@ -20,9 +20,9 @@ from twin_daemon.resources import state_dir
 if TYPE_CHECKING:
     import zenoh
 
-    from bridges.commander import Commander
-    from bridges.stop import Stoppable
+    from bridges.zenoh.commander import Commander
     from twin_daemon.hand import Hand
+    from twin_daemon.services.stop import Stoppable
     from twin_daemon.signals.trajectory import Trajectory
 
 As = Annotated[
@@ -55,10 +55,10 @@ def gate_connection(
 ) -> Iterator[GateConnection]:
     """Connects to the daemon in the name of an identity, and with the lease of an earlier 'twin command arm' where that
     is asked for. Raises NoAnswer, and BadInput for keys that are not there."""
-    from bridges.client import connect
-    from bridges.commander import Commander
-    from bridges.session import choose_endpoint
-    from twin_daemon.gate.identity import keys_file, load_keyring
+    from bridges.zenoh.client import connect
+    from bridges.zenoh.commander import Commander
+    from bridges.zenoh.session import choose_endpoint
+    from twin_daemon.security.identity import keys_file, load_keyring
 
     chosen = load_named(hand, model, namespace)
     address = choose_endpoint(endpoint)
@@ -100,7 +100,7 @@ def follow_motion(
     `turn` passes the time between two looks. When `stop` is set the motion is ended. Raises Refused where the gate
     ended the motion before its end.
     """
-    from bridges.guard import Guard
+    from twin_daemon.services.guard import Guard
 
     guard = Guard(logging.getLogger("twin.command"))
     status = answer["gate"]

@@ -41,7 +41,7 @@ def command(
     json: Json = None,
 ) -> int:
     """The whole story without hardware: a worn, simulated hand, its twin, a recording, a calibration, less error."""
-    from bridges.session import open_client
+    from bridges.zenoh.session import open_client
     from twin_daemon.errors import NoAnswer
     from twin_daemon.hand import load_hand
     from twin_daemon.resources import state_dir
@@ -133,13 +133,16 @@ def _record(
 
     from rich.live import Live
 
-    from bridges.client import ask
-    from bridges.recorder import Recorder
+    from bridges.zenoh.client import ask
+    from bridges.zenoh.listening import listening
+    from twin_daemon.services.recorder import Recorder
 
     key = hand.description.key("state")
     _until(session, hand, children, _moves)
     with ExitStack() as stack:
-        recorder = stack.enter_context(Recorder(session, hand.description, path)) if path is not None else None
+        recorder = (
+            stack.enter_context(Recorder(listening(session), hand.description, path)) if path is not None else None
+        )
         live = stack.enter_context(Live(console=console, transient=True)) if console.is_terminal else None
         end_s, next_line_s = time.monotonic() + seconds, 0.0
         while (left_s := end_s - time.monotonic()) > 0:
@@ -164,7 +167,7 @@ def _moves(state: dict[str, Any]) -> bool:
 
 def _until(session: zenoh.Session, hand: Hand, children: Children, reached: Callable[[dict[str, Any]], bool]) -> None:
     """Waits for a state of the live twin."""
-    from bridges.client import ask
+    from bridges.zenoh.client import ask
     from twin_daemon.errors import NoAnswer
 
     deadline_s = time.monotonic() + 20.0
@@ -178,7 +181,7 @@ def _until(session: zenoh.Session, hand: Hand, children: Children, reached: Call
 
 def _live_error(session: zenoh.Session, hand: Hand, children: Children) -> float | None:
     """Mean squared error of the live prediction over the last seconds, over the joints that move."""
-    from bridges.client import ask
+    from bridges.zenoh.client import ask
 
     children.check()
     return ask(session, hand.description.key("residual"))["mse_rad2"]

@@ -43,7 +43,7 @@ def command(endpoint: Endpoint = None, json: Json = None) -> int:
     """What is there and what is missing on this machine. Exit code 1 when there is a problem."""
     from rich.table import Table
 
-    from bridges.session import choose_endpoint
+    from bridges.zenoh.session import choose_endpoint
 
     findings = [
         _python(),
@@ -149,8 +149,8 @@ def _state() -> list[Finding]:
 
 def _certificates() -> list[Finding]:
     """Those of `twin security`, where there are any: whether one ends soon."""
-    from bridges.authority import certificate_of
-    from bridges.tls import CERTIFICATE, security_dir
+    from twin_daemon.security.certificate_authority import certificate_of
+    from twin_daemon.security.tls import CERTIFICATE, security_dir
 
     found = {folder.parent.name: certificate_of(folder.parent) for folder in security_dir().glob(f"*/{CERTIFICATE}")}
     ends = {name: one.not_valid_after_utc for name, one in found.items() if one is not None}

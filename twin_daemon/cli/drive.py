@@ -24,8 +24,9 @@ def drive(
 
     Raises Refused where the gate refuses or ends it; the hand then rests, and what was recorded is kept.
     """
-    from bridges.recorder import Recorder
-    from bridges.stop import on_termination
+    from bridges.zenoh.listening import listening
+    from twin_daemon.services.recorder import Recorder
+    from twin_daemon.services.stop import on_termination
     from twin_daemon.signals.trajectory import load_trajectory
 
     console = people("-")
@@ -41,7 +42,7 @@ def drive(
             / f"run-{connection.hand.description.namespace.replace('/', '-')}-{datetime.now(UTC):%Y%m%dT%H%M%S}Z.mcap"
         )
         ended: TwinError | None = None
-        with Recorder(connection.session, connection.hand.description, path) as recorder:
+        with Recorder(listening(connection.session), connection.hand.description, path) as recorder:
             began_s = time.monotonic()
             while not recorder.done.messages["joint_states"]:
                 if time.monotonic() > began_s + _LISTEN_S or stop.is_set():

@@ -15,7 +15,7 @@ from twin_daemon.errors import NoAnswer
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from bridges.fleet import HandSeen
+    from bridges.zenoh.fleet import HandSeen
 
 Seconds = Annotated[
     float, typer.Option("--seconds", metavar="S", min=0.1, help="How long to look; it ends once all have answered.")
@@ -24,9 +24,9 @@ Seconds = Annotated[
 
 def command(endpoint: Endpoint = None, seconds: Seconds = 3.0, json: Json = None) -> int:
     """Which hands are on this network, and how each is. Exit code 5 when none answers."""
-    from bridges.client import connect
-    from bridges.fleet import SILENT, find_hands
-    from bridges.session import choose_endpoint
+    from bridges.zenoh.client import connect
+    from bridges.zenoh.fleet import SILENT, find_hands
+    from bridges.zenoh.session import choose_endpoint
 
     address = choose_endpoint(endpoint)
     with connect(address, seconds) as session:

@@ -24,7 +24,7 @@ from twin_daemon.errors import BadInput, TwinError
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from bridges.stop import StopSignal
+    from twin_daemon.services.stop import StopSignal
 
 log = logging.getLogger("twin.gate")
 
@@ -48,7 +48,7 @@ def command(
 
     'twin run' starts one by itself; as a service it is a unit of its own, and 'twin run --gate-apart' joins it.
     """
-    from bridges.stop import on_termination
+    from twin_daemon.services.stop import on_termination
 
     with on_termination() as stop:
         if not with_daemon:
@@ -89,13 +89,12 @@ def _serve(
     seconds: float | None,
     ready: Callable[[], None],
 ) -> int:
-    from bridges.access import access_of
-    from bridges.ears import Ears
-    from bridges.gate_link import STATUS_S, GateEnd
-    from bridges.gatekeeper import Gatekeeper
-    from bridges.register import Register
-    from bridges.ros_keys import RosKeys
-    from bridges.session import choose_endpoint, open_daemon, someone_serves
+    from bridges.zenoh.access import access_of
+    from bridges.zenoh.ears import Ears
+    from bridges.zenoh.gate_link import STATUS_S, GateEnd
+    from bridges.zenoh.gatekeeper import Gatekeeper
+    from bridges.zenoh.ros_keys import RosKeys
+    from bridges.zenoh.session import choose_endpoint, open_daemon, someone_serves
     from twin_daemon.daemon.configuration import load_config
     from twin_daemon.daemon.ear import Ear
     from twin_daemon.daemon.models import ModelSource
@@ -104,6 +103,7 @@ def _serve(
     from twin_daemon.gate.audit import AuditLog
     from twin_daemon.gate.gate import Gate
     from twin_daemon.gate.latch import Latch
+    from twin_daemon.services.register import Register
 
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s gate: %(message)s")
     settings = load_config(config, os.environ).config

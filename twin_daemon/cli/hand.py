@@ -69,11 +69,11 @@ def command(
 
     With --output it needs no network and no time: it writes what the bus would have carried as a ROS 2 bag.
     """
-    from bridges.connection import Connection
-    from bridges.session import choose_endpoint
-    from bridges.stand_in import StandIn
-    from bridges.stop import on_termination
+    from bridges.zenoh.connection import Connection
+    from bridges.zenoh.session import choose_endpoint
+    from bridges.zenoh.stand_in import StandIn
     from twin_daemon.plant import Faulty, Plant, parse_fault, parse_hidden
+    from twin_daemon.services.stop import on_termination
 
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
     chosen = load_named(hand, model, namespace)
@@ -141,7 +141,7 @@ def write_recording(
 
 def own_motion(hand: Hand, reference: str | None) -> Trajectory | None:
     """What the hand does by itself: the trajectory asked for, else a rich one of its own, else an easy one."""
-    from bridges.stand_in import easy_motion, holding_the_rest
+    from bridges.zenoh.stand_in import easy_motion, holding_the_rest
     from twin_daemon.signals.trajectory import load_trajectory
 
     if reference == "none":

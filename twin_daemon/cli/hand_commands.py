@@ -31,7 +31,7 @@ def _at(
     hand: str | None, model: Path | None, namespace: str | None, endpoint: str | None
 ) -> tuple[HandDescription, str]:
     """(the hand's description, where its router listens)."""
-    from bridges.session import choose_endpoint
+    from bridges.zenoh.session import choose_endpoint
 
     return load_named(hand, model, namespace).description, choose_endpoint(endpoint)
 
@@ -125,10 +125,10 @@ def stop(
 
     Says after a second whether the hand still moves. Ends with 4 where it does, or where no gate proves to be stopped.
     """
-    from bridges.commander import who_stops
-    from bridges.session import open_client
-    from bridges.stopping import OWN_STOP, in_words, is_safe
+    from bridges.zenoh.commander import who_stops
+    from bridges.zenoh.session import open_client
     from twin_daemon.errors import NoAnswer
+    from twin_daemon.services.stop_report import OWN_STOP, in_words, is_safe
 
     description, address = _at(hand, model, namespace, endpoint)
     session = open_client(address, 5.0)
@@ -155,8 +155,8 @@ def cancel(
     json: Json = None,
 ) -> None:
     """Cancel a motion that the twin is about to begin by itself, or has begun. Anybody may do it."""
-    from bridges.client import connect
-    from bridges.commander import cancel_automatic
+    from bridges.zenoh.client import connect
+    from bridges.zenoh.commander import cancel_automatic
 
     description, address = _at(hand, model, namespace, endpoint)
     with connect(address, 5.0) as session:
@@ -189,7 +189,7 @@ def status(
     json: Json = None,
 ) -> None:
     """Who has armed the hand, for how long, and what moves."""
-    from bridges.client import ask_once
+    from bridges.zenoh.client import ask_once
 
     description, address = _at(hand, model, namespace, endpoint)
     found = ask_once(address, description.key("command", verb="status"))
@@ -213,7 +213,7 @@ def _targets(pairs: list[str]) -> dict[str, float]:
 
 
 def _motion(connection: GateConnection, verb: str, body: dict[str, Any], json: str | None) -> None:
-    from bridges.stop import on_termination
+    from twin_daemon.services.stop import on_termination
 
     with on_termination() as stop:
         answer = connection.commander.ask(verb, **body)

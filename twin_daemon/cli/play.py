@@ -39,11 +39,11 @@ def command(
     json: Json = None,
 ) -> int:
     """Publish recordings in real time as if they were the hand, with the commands that they hold."""
-    from bridges.connection import Connection
-    from bridges.player import AHEAD_S, MOST_AHEAD_S, Timeline, play
-    from bridges.session import choose_endpoint
-    from bridges.stop import on_termination
+    from bridges.zenoh.connection import Connection
+    from bridges.zenoh.player import AHEAD_S, MOST_AHEAD_S, Timeline, play
+    from bridges.zenoh.session import choose_endpoint
     from twin_daemon.recordings import load_joint_map, load_recording
+    from twin_daemon.services.stop import on_termination
 
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
     chosen = load_named(hand, model, namespace)

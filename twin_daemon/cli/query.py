@@ -47,8 +47,8 @@ def command(
     json: Json = None,
 ) -> int:
     """Ask the running daemon. Exit code 5 when nothing answers."""
-    from bridges.client import ask_once
-    from bridges.session import choose_endpoint
+    from bridges.zenoh.client import ask_once
+    from bridges.zenoh.session import choose_endpoint
 
     description = load_named(hand, model, namespace).description
     answer = ask_once(choose_endpoint(endpoint), description.key(question.value), timeout)

@@ -16,9 +16,9 @@ from twin_daemon.cli.run import Endpoint, Namespace, load_named
 from twin_daemon.errors import BadInput, NoAnswer, UsageError
 
 if TYPE_CHECKING:
-    from bridges.recorder import Recorded
-    from bridges.stop import Stoppable
     from twin_daemon.hand import HandDescription
+    from twin_daemon.services.recorder import Recorded
+    from twin_daemon.services.stop import Stoppable
 
 _TURN_S = 1.0  # between two progress lines
 _KEEP_TIMEOUT_S = 60.0  # the daemon writes gently
@@ -44,7 +44,7 @@ def command(
     json: Json = None,
 ) -> int:
     """Record measured, commanded, predicted and residual joints until Ctrl-C. Exit code 5 when nothing arrives."""
-    from bridges.session import choose_endpoint
+    from bridges.zenoh.session import choose_endpoint
 
     if keep and (output or seconds is not None or recover):
         raise UsageError("--keep goes with no --output, --seconds or --recover", todo="The daemon chooses the place")
@@ -68,10 +68,11 @@ def command(
 
 def _record(description: HandDescription, address: str, path: Path, seconds: float | None) -> tuple[Recorded, int]:
     """What was recorded, and the size of the file in bytes. Raises NoAnswer when nothing was; then there is no file."""
-    from bridges.connection import Connection
-    from bridges.recorder import Recorder
-    from bridges.stop import on_termination
+    from bridges.zenoh.connection import Connection
+    from bridges.zenoh.listening import listening
     from twin_daemon.recordings.mcap_file import refuse_existing
+    from twin_daemon.services.recorder import Recorder
+    from twin_daemon.services.stop import on_termination
 
     refuse_existing(path)
     end_s = float("inf") if seconds is None else time.monotonic() + seconds
@@ -84,7 +85,7 @@ def _record(description: HandDescription, address: str, path: Path, seconds: flo
             connection.wait(min(0.1, max(end_s - time.monotonic(), 0.0)))
         if connection.session is None:
             raise NoAnswer(f"nothing listens at {address}", todo="Start the daemon with 'twin run'. Nothing is written")
-        with Recorder(connection.session, description, path) as recorder:
+        with Recorder(listening(connection.session), description, path) as recorder:
             begin_s = time.monotonic()
             while not _over(stop, end_s):
                 recorder.work(min(_TURN_S, max(end_s - time.monotonic(), 0.0)), stop)
@@ -118,7 +119,7 @@ def _recover(part: Path, output: Path | None, json: str | None) -> int:
 
 
 def _keep(description: HandDescription, address: str, json: str | None) -> int:
-    from bridges.client import ask_once
+    from bridges.zenoh.client import ask_once
 
     answer = ask_once(address, description.key("keep"), _KEEP_TIMEOUT_S)
     emit_json(json, answer)

@@ -23,14 +23,14 @@ from twin_daemon.resources import state_dir
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bridges.diagnoser import Diagnoser
-    from bridges.recalibrator import Recalibrator
     from twin_daemon.daemon.promotions import Promotions
     from twin_daemon.daemon.service import TwinService
     from twin_daemon.daemon.settings import DaemonSettings
-    from twin_daemon.gate.identity import Keyring
     from twin_daemon.hand import Hand
     from twin_daemon.recalibration.settings import RecalibrationSettings
+    from twin_daemon.security.identity import Keyring
+    from twin_daemon.services.diagnoser import Diagnoser
+    from twin_daemon.services.recalibrator import Recalibrator
 
 log = logging.getLogger("twin")
 
@@ -60,24 +60,25 @@ def command(
     ] = False,
 ) -> int:
     """Run the live twin: follow the hand, predict it, measure the error, answer questions. Ends on SIGTERM."""
-    from bridges.access import access_of, daemon_login, require_fitting
-    from bridges.announcer import Announcer
-    from bridges.diagnoser import Diagnoser
-    from bridges.gate_link import DaemonEnd
-    from bridges.gate_process import GateProcess
-    from bridges.recalibrator import Recalibrator
-    from bridges.ring import Ring
-    from bridges.ring_saver import RingSaver
-    from bridges.ros_keys import RosKeys
-    from bridges.session import choose_endpoint, open_at_gate, open_daemon, someone_serves
-    from bridges.stop import Hangup, on_termination
-    from bridges.zenoh_bridge import ZenohBridge
+    from bridges.zenoh.access import access_of, daemon_login, require_fitting
+    from bridges.zenoh.announcer import Announcer
+    from bridges.zenoh.bridge import ZenohBridge
+    from bridges.zenoh.gate_link import DaemonEnd
+    from bridges.zenoh.keep_question import KeepQuestion
+    from bridges.zenoh.ros_keys import RosKeys
+    from bridges.zenoh.session import choose_endpoint, open_at_gate, open_daemon, someone_serves
     from twin_daemon.cli.reload import Reloader
     from twin_daemon.daemon.configuration import load_config
     from twin_daemon.daemon.models import ModelSource
     from twin_daemon.daemon.notify import Notifier
     from twin_daemon.daemon.promotions import Promotions
     from twin_daemon.daemon.service import TwinService
+    from twin_daemon.services.diagnoser import Diagnoser
+    from twin_daemon.services.gate_process import GateProcess
+    from twin_daemon.services.recalibrator import Recalibrator
+    from twin_daemon.services.ring import Ring
+    from twin_daemon.services.ring_saver import RingSaver
+    from twin_daemon.services.stop import Hangup, on_termination
 
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
     settings = load_config(config, os.environ).config
@@ -123,8 +124,8 @@ def command(
                 where=address,
                 todo="Stop it first, or run this one with another --namespace or --endpoint",
             )
-        keeper.open(session)
         stack.callback(keeper.close)
+        stack.callback(KeepQuestion(session, chosen.description, keeper).close)
         diagnoser = Diagnoser(keeper, service, named_hand(hand, model))
         stack.callback(diagnoser.close)
         recalibrator = Recalibrator(settings.recalibration, keeper, service, source.store, folder, named)
@@ -146,7 +147,7 @@ def command(
             link = DaemonEnd(session, chosen.description, keyring, service.tell, recalibrator.ask)
             stack.callback(link.close)
         if settings.daemon.metrics_port is not None:
-            from bridges.metrics import MetricsServer
+            from twin_daemon.services.metrics import MetricsServer
 
             metrics = MetricsServer(settings.daemon.metrics_port, service, bridge.health)
             stack.callback(metrics.close)
@@ -194,7 +195,7 @@ def machine_keyring(recalibration: RecalibrationSettings | None) -> Keyring:
 
     Gate and daemon know each other by the whole file: only who starts before the other one may add to it.
     """
-    from twin_daemon.gate.identity import ensure_identity, ensure_keyring, keys_file
+    from twin_daemon.security.identity import ensure_identity, ensure_keyring, keys_file
 
     path = keys_file(state_dir())
     keyring = ensure_keyring(path)
@@ -236,7 +237,7 @@ def _chores(
     recalibrator: Recalibrator,
 ) -> Callable[[], None]:
     """What the loop does between messages: `tend` at every turn, take up a version, a diagnosis, a schedule."""
-    from bridges.recalibrator import live
+    from twin_daemon.services.recalibrator import live
 
     next_poll_s = time.monotonic() + _POLL_S
 

@@ -10,17 +10,17 @@ from typing import Annotated, Any
 
 import typer
 
-from bridges.authority import Authority, certificate_of
-from bridges.tls import DAEMON, authority_dir, security_dir
 from twin_daemon.cli.command import Group
 from twin_daemon.cli.console import emit_json, people, plain_text
 from twin_daemon.cli.options import Json
 from twin_daemon.cli.unit_identities import certificates, hand_out
 from twin_daemon.cli.units import FOLDER
 from twin_daemon.errors import BadInput, nearest
-from twin_daemon.gate.identity import KEYS, Keyring, Role, ensure_keyring, keys_file, load_keyring, new_identity
 from twin_daemon.privileges import as_root, gave_up_root
 from twin_daemon.resources import state_dir
+from twin_daemon.security.certificate_authority import Authority, certificate_of
+from twin_daemon.security.identity import KEYS, Keyring, Role, ensure_keyring, keys_file, load_keyring, new_identity
+from twin_daemon.security.tls import DAEMON, authority_dir, security_dir
 
 app = Group("Who may join the hand's network: identities and their certificates. docs/security.md has the whole story.")
 

@@ -183,7 +183,7 @@ def _ensure_keys(root: Path) -> None:
     """Identities of their own, or those that a daemon of before has in its state folder."""
     from twin_daemon.cli.unit_identities import with_unit_identities
     from twin_daemon.files import write_atomically
-    from twin_daemon.gate.identity import ensure_keyring
+    from twin_daemon.security.identity import ensure_keyring
 
     path, state = root / units.KEYS, root / units.STATE
     if not path.exists() and state.is_dir():
@@ -197,7 +197,7 @@ def _ensure_keys(root: Path) -> None:
 def _give_keys(root: Path) -> None:
     """What the units but the daemon need of the keys, and of the certificates of before."""
     from twin_daemon.cli.unit_identities import certificates, hand_out
-    from twin_daemon.gate.identity import load_keyring
+    from twin_daemon.security.identity import load_keyring
 
     keys = root / units.KEYS
     certified = certificates(root / units.STATE / "security")

@@ -10,12 +10,12 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from bridges.tls import AUTHORITY, CERTIFICATE, KEY
 from twin_daemon.cli.units import FOLDER
 from twin_daemon.errors import BadInput
 from twin_daemon.files import write_atomically
-from twin_daemon.gate.identity import KEYS, Keyring, Role, new_identity
 from twin_daemon.privileges import owner_on_the_way, read_regular
+from twin_daemon.security.identity import KEYS, Keyring, Role, new_identity
+from twin_daemon.security.tls import AUTHORITY, CERTIFICATE, KEY
 
 
 @dataclass(frozen=True)

@@ -58,22 +58,22 @@ def command(
 
     It reads only, until the page is opened with the token of the address that is printed at the start.
     """
-    from bridges.session import choose_endpoint
-    from bridges.stop import on_termination
+    from bridges.zenoh.session import choose_endpoint
     from twin_daemon.files import write_atomically
     from twin_daemon.resources import own_state_dir, state_dir
+    from twin_daemon.services.stop import on_termination
     from twin_daemon.versions import VersionStore
-    from workbench.app import build
-    from workbench.authorization import LOOPBACK, looking_token, new_token
-    from workbench.compare import Compare
-    from workbench.hands import Hands
-    from workbench.history import History
-    from workbench.jobs import Jobs
-    from workbench.learn import Learn
-    from workbench.library import Library
-    from workbench.model_cache import ModelCache
-    from workbench.server import listen, serve
-    from workbench.skeleton import Skeleton
+    from twin_daemon.web.app import build
+    from twin_daemon.web.authorization import LOOPBACK, looking_token, new_token
+    from twin_daemon.web.compare import Compare
+    from twin_daemon.web.hands import Hands
+    from twin_daemon.web.history import History
+    from twin_daemon.web.jobs import Jobs
+    from twin_daemon.web.learn import Learn
+    from twin_daemon.web.library import Library
+    from twin_daemon.web.model_cache import ModelCache
+    from twin_daemon.web.server import listen, serve
+    from twin_daemon.web.skeleton import Skeleton
 
     logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(levelname)s %(message)s")
     chosen = load_named(hand, model, namespace)

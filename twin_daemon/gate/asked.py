@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from twin_daemon.gate.identity import Who
 from twin_daemon.gate.limits import Limits
 from twin_daemon.gate.motion import Motion
 from twin_daemon.gate.preview import Collision
 from twin_daemon.gate.readings import Doubt
 from twin_daemon.gate.requests import Request
 from twin_daemon.gate.settings import GateSettings
+from twin_daemon.security.identity import Who
 
 NOTHING_SENT = "nothing was sent to the hand"
 

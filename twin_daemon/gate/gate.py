@@ -28,7 +28,6 @@ from twin_daemon.gate.checks import (
 from twin_daemon.gate.drive import DONE, Drive
 from twin_daemon.gate.feedback import Feedback
 from twin_daemon.gate.hand_model import HandModel
-from twin_daemon.gate.identity import Who
 from twin_daemon.gate.latch import Latch, kept_on_disk
 from twin_daemon.gate.limits import limits_of
 from twin_daemon.gate.motion import commands_of, row_of
@@ -38,6 +37,7 @@ from twin_daemon.gate.requests import Follow, Move, Request
 from twin_daemon.gate.sendable import Sendable
 from twin_daemon.gate.settings import GateSettings
 from twin_daemon.gate.trips import PRESSES, Trip, Trips, Turn
+from twin_daemon.security.identity import Who
 from twin_daemon.simulation.twin import TwinModel
 
 Witness = Callable[[dict[str, Any]], None]

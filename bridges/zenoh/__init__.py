@@ -1,0 +1,1 @@
+"""The twin on Zenoh. Imports are absolute: `zenoh` is the wheel."""

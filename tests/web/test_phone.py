@@ -1,0 +1,50 @@
+"""The page on a phone: nothing is wider than the screen, and an error is gone with the success after it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from tests.simulation.made import worn_finger
+from tests.web.browser import Browser
+from tests.web.test_browser import choose, mark, shown
+from twin_daemon.hand import load_hand
+from twin_daemon.simulation.terms import Terms
+from twin_daemon.simulation.twin import TwinModel
+from twin_daemon.versions import Draft, VersionStore
+
+WIDTH = 390
+_WIDER = """[...document.querySelectorAll('body *')].filter((one) => {
+  for (let up = one; up; up = up.parentElement) if (getComputedStyle(up).overflowX !== 'visible') return false;
+  return one.getBoundingClientRect().right > 391;
+}).map((one) => `${one.tagName}#${one.id}.${one.className}`)"""
+
+
+def test_nothing_is_wider_than_a_phone_and_errors_go_with_success(
+    workbench: Any, browser: Browser, tmp_path: Path, state_dir: Path
+) -> None:
+    hand = load_hand()
+    twin = TwinModel.load(hand)
+    bag, broken = worn_finger(twin, tmp_path / f"{'a_long_name_' * 6}.mcap"), "broken"
+    (tmp_path / f"{broken}.mcap").write_bytes(bag.read_bytes()[:3000])
+    title = "ladder: " + ", ".join(f"stribeck_friction at rh_{finger}J3" for finger in ("FF", "MF", "RF", "LF", "TH"))
+    draft = Draft(
+        hand=hand.name, kind="effect_added", title=title, terms=Terms(parameters={"rh_FFJ3.damping": 0.2}).as_json()
+    )
+    VersionStore(hand.name).add(draft, twin.mjcf(), alias="candidate")
+    tab = browser.open("about:blank")
+    tab.call("Emulation.setDeviceMetricsOverride", width=WIDTH, height=844, deviceScaleFactor=2, mobile=True)
+    tab.go(workbench("--folder", str(tmp_path)).page)
+    tab.until(mark("ready"))
+    for view in "1234":
+        tab.key(view)
+        if view == "2":
+            choose(tab, "recording", broken)
+            tab.until(f"{shown('said')}.includes('broken.mcap')")
+            choose(tab, "recording", bag.stem)
+            tab.until(mark("judged"), 60.0)
+            tab.until("document.getElementById('said').hidden")  # what failed before is over
+        if view == "4":
+            tab.until("document.getElementById('versions').innerText.includes('stribeck')")
+        assert tab.run("innerWidth") == WIDTH, (view, tab.run(_WIDER))
+        assert tab.run("document.documentElement.scrollWidth") <= WIDTH, (view, tab.run(_WIDER))

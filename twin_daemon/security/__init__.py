@@ -1,0 +1,1 @@
+"""Who somebody is: identities and their proofs, certificates and who issues them."""

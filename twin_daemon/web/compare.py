@@ -1,0 +1,188 @@
+"""Recordings against versions: curves for the range that is on the screen, errors, and where the twin fails."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from starlette.requests import Request
+from starlette.routing import BaseRoute
+
+from twin_daemon.comparison.compare import mean_over_moving, noise_floor
+from twin_daemon.comparison.conditions import errors_by_condition
+from twin_daemon.errors import BadInput
+from twin_daemon.figures.conditions import conditions_figure
+from twin_daemon.figures.reduce import keep_extremes
+from twin_daemon.figures.state import state_figure
+from twin_daemon.report.chart import Chart, chart
+from twin_daemon.simulation.alignment import Aligned
+from twin_daemon.versions import NOMINAL
+from twin_daemon.web.app import reading
+from twin_daemon.web.library import Library
+from twin_daemon.web.model_cache import ModelCache
+from twin_daemon.web.numbers import listed
+
+BUCKETS = 400
+"""Stretches that a chart is drawn from; of each the lowest and highest sample of every curve is kept."""
+
+_MOST_VERSIONS = 2
+_MOST_JOINTS = 64
+_WORST = 12
+_DIGITS = 6  # micro-radians
+
+
+class Compare:
+    """The questions of the view; `routes` are their paths."""
+
+    def __init__(self, library: Library, cache: ModelCache) -> None:
+        self._library, self._cache = library, cache
+
+    @property
+    def routes(self) -> list[BaseRoute]:
+        return [
+            reading("/api/recordings", lambda _: {"recordings": self._library.offers()}),
+            reading("/api/recording", self._opened),
+            reading("/api/window", self._window),
+            reading("/api/errors", self._errors),
+            reading("/api/residual-over-state", self._state),
+        ]
+
+    def _opened(self, request: Request) -> dict[str, Any]:
+        path = self._path(request)
+        aligned, moving = self._cache.recording(path), self._cache.moving(path)
+        return {
+            "name": aligned.recording.name,
+            "samples": len(aligned.time_s),
+            "seconds": float(aligned.time_s[-1]),
+            "rate_hz": aligned.recording.quality.rate_hz,
+            "commands_recorded": not aligned.onset_free,
+            "notes": aligned.recording.quality.notes,
+            "joints": [{"name": name, "moves": bool(moving[i])} for i, name in enumerate(aligned.joints)],
+        }
+
+    def _window(self, request: Request) -> dict[str, Any]:
+        """Curves of some joints over a range of time: every sample, or fewer where there are more than a chart shows.
+
+        `lag_ms` moves what the twins predict to later times.
+        """
+        path, versions = self._path(request), self._versions(request)
+        aligned = self._cache.recording(path)
+        joints = request.query_params.getlist("joint")
+        unknown = [name for name in joints if name not in aligned.joints]
+        if unknown or len(joints) > _MOST_JOINTS:
+            raise BadInput(f"no joint '{(unknown or joints)[0]}'", allowed=", ".join(aligned.joints))
+        end_s = float(aligned.time_s[-1])
+        begin_s, until_s = _number(request, "from", 0.0), _number(request, "to", end_s)
+        lag_s = 1e-3 * _number(request, "lag_ms", 0.0)
+        onset_s = _onset(request)
+        comparisons = {version: self._cache.comparison(path, version, onset_s) for version in versions}
+        first, last = np.searchsorted(aligned.time_s, [begin_s, until_s], side="left")
+        # one sample beyond either end, so that the lines leave the chart
+        chosen = slice(max(int(first) - 1, 0), min(int(last) + 2, len(aligned.time_s)))
+        curves, samples = {}, len(aligned.time_s[chosen])
+        for name in joints:
+            column = aligned.joints.index(name)
+            time_s, measured = aligned.time_s[chosen], aligned.measured[chosen, column]
+            twins = {}
+            for version, found in comparisons.items():
+                if found is not None:
+                    predicted = found.predicted[:, column]
+                    twins[version] = (
+                        np.interp(time_s - lag_s, aligned.time_s, predicted) if lag_s else predicted[chosen]
+                    )
+            columns = [measured, *twins.values(), *(measured - twin for twin in twins.values())]
+            kept = keep_extremes(np.column_stack(columns), BUCKETS)
+            curves[name] = {
+                "t": np.round(time_s[kept], 6),
+                "measured": listed(measured[kept], _DIGITS),
+                "command": listed(self._command(aligned, column, time_s[kept]), _DIGITS),
+                "twins": {version: listed(twin[kept], _DIGITS) for version, twin in twins.items()},
+                "kept": len(kept),
+            }
+        return {
+            "from": begin_s,
+            "to": until_s,
+            "samples": samples,
+            "exact": all(curve["kept"] == samples for curve in curves.values()),
+            "curves": curves,
+            "pending": [version for version, found in comparisons.items() if found is None],
+        }
+
+    def _command(self, aligned: Aligned, column: int, time_s: np.ndarray) -> np.ndarray:
+        """(k,) rad: where the joint was told to be; a tendon's angle in equal parts. NaN where no command drives it."""
+        drive = self._cache.nominal.drive
+        if not drive[:, column].any():
+            return np.full(len(time_s), np.nan)
+        return aligned.controls(self._cache.nominal, time_s) @ np.linalg.pinv(drive)[column]
+
+    def _errors(self, request: Request) -> dict[str, Any]:
+        """Errors by joint, and by condition as a figure; `pending` while the twin is being rolled out."""
+        path = self._path(request)
+        (version,) = self._versions(request)[:1]
+        found = self._cache.comparison(path, version, _onset(request))
+        if found is None:
+            return {"pending": True}
+        moving = {name: error for name, error in found.joints.items() if error.moves}
+        conditions = errors_by_condition([(found.aligned, found.predicted)])
+        names = list(dict.fromkeys(one.joint for one in conditions))
+        words = "Root mean square residual in mrad of each joint (rows) under each condition (columns)."
+        heat = chart("conditions", conditions_figure(conditions), words, kind="conditions", legend=False)
+        return {
+            "pending": False,
+            "version": version,
+            "mse_rad2": mean_over_moving(found.joints),
+            "noise_floor_rad2": noise_floor(found.joints),
+            "still": len(found.joints) - len(moving),
+            "onset_s": found.aligned.onset_s,
+            "onset_estimated": found.aligned.onset_free,
+            "joints": dict(sorted(moving.items(), key=lambda item: -item[1].mse_rad2)),
+            "heat": as_spec(heat) if conditions else None,
+            "heat_joints": names,
+            "worst": conditions[:_WORST],
+        }
+
+    def _state(self, request: Request) -> dict[str, Any]:
+        """The residual of one joint over position and velocity, as a figure."""
+        path, joint = self._path(request), request.query_params.get("joint", "")
+        (version,) = self._versions(request)[:1]
+        found = self._cache.comparison(path, version, _onset(request))
+        if found is None:
+            return {"pending": True}
+        if joint not in found.joints or not found.joints[joint].moves:
+            raise BadInput(f"'{joint}' does not move in this recording")
+        words = f"{joint}: median residual over position and over velocity, by direction."
+        return {"pending": False, "figure": as_spec(chart("state", state_figure([found], joint), words))}
+
+    def _path(self, request: Request) -> Path:
+        return self._library.path(request.query_params.get("recording", ""))
+
+    def _versions(self, request: Request) -> list[str]:
+        given = request.query_params.getlist("version") or [NOMINAL]
+        if len(given) > _MOST_VERSIONS:
+            raise BadInput(f"{len(given)} versions at once", allowed=f"at most {_MOST_VERSIONS}")
+        return list(dict.fromkeys(self._cache.version_id(reference) for reference in given))
+
+
+def as_spec(one: Chart) -> dict[str, Any]:
+    """A figure as the page draws it."""
+    return {**json.loads(one.spec), "words": one.words, "height": one.height}
+
+
+def _onset(request: Request) -> float | None:
+    """s: when the commands begin, where the page says so."""
+    return _number(request, "onset_s", 0.0) if request.query_params.get("onset_s") else None
+
+
+def _number(request: Request, name: str, default: float) -> float:
+    text = request.query_params.get(name)
+    if text is None:
+        return default
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not np.isfinite(value):
+        raise BadInput(f"'{text:.40}' is no number", where=name)
+    return value

@@ -1,0 +1,135 @@
+"""Versions: as a tree, their parameters over time, what differs between two, promotion and the way back."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import BaseRoute
+
+from twin_daemon.errors import BadInput
+from twin_daemon.figures.ladder import ladder_figure
+from twin_daemon.report.chart import chart
+from twin_daemon.versions import NOMINAL, Version, VersionStore, diff
+from twin_daemon.versions.lineage import tree
+from twin_daemon.versions.standing import known_errors, worse_than
+from twin_daemon.web.app import posting, reading
+from twin_daemon.web.compare import as_spec
+
+_LONGEST_LADDER = 20
+
+
+class History:
+    """The questions of the view, and the two that change something."""
+
+    def __init__(self, store: VersionStore) -> None:
+        self._store = store
+
+    @property
+    def routes(self) -> list[BaseRoute]:
+        return [
+            reading("/api/versions", lambda _: self._list()),
+            reading("/api/versions/diff", self._diff),
+            reading("/api/versions/parameter", self._parameter),
+            reading("/api/versions/ladder", self._ladder),
+            reading("/api/versions/export", self._export),
+            posting("/api/versions/promote", self._promote),
+            posting("/api/versions/rollback", lambda _: self._moved(self._store.rollback())),
+        ]
+
+    def _list(self) -> dict[str, Any]:
+        """Every version under the one it was made from, `depth` deep; the oldest first."""
+        versions, problems = self._store.survey()
+        names, shipped = self._store.all_names(), self._store.all_shipped()
+        current = next((v for v in versions if v.id == self._store.aliases()["current"]), None)
+        known = known_errors(versions)
+        rows: list[dict[str, Any]] = []
+        waiting = [(branch, 0) for branch in reversed(tree(versions))]
+        while waiting:
+            branch, depth = waiting.pop()
+            own = branch.version.id
+            told = {"names": names.get(own, []), "shipped": own in shipped, "depth": depth}
+            worse = None if current is None else worse_than(branch.version, current, known)
+            told["worse"] = None if worse is None or own == NOMINAL else worse.words
+            rows.append(_summary(branch.version) | told)
+            waiting += [(child, depth + 1) for child in reversed(branch.children)]
+        parameters = sorted({name for version in versions for name in _values(version)})
+        return {"versions": rows, "aliases": self._store.aliases(), "problems": problems, "parameters": parameters}
+
+    def _diff(self, request: Request) -> dict[str, Any]:
+        before, after = (self._store.get(request.query_params.get(name, "")) for name in ("before", "after"))
+        return {"before": before.id, "after": after.id, "words": diff(before, after).words}
+
+    def _parameter(self, request: Request) -> dict[str, Any]:
+        """One parameter in every version that sets it, by the time at which they were made."""
+        name = request.query_params.get("name", "")
+        points = []
+        for version in self._store.list():
+            record = _values(version).get(name)
+            if record is not None:
+                points.append({"version": version.id, "created": version.created, **record})
+        if not points:
+            raise BadInput(f"no version sets '{name}'")
+        return {"name": name, "points": points}
+
+    def _ladder(self, request: Request) -> dict[str, Any]:
+        """The errors from the nominal model to a version, one step for each version on the way, as a figure."""
+        version = self._store.get(request.query_params.get("version", ""))
+        chain = [version]
+        while chain[0].parent and len(chain) < _LONGEST_LADDER:
+            chain.insert(0, self._store.get(chain[0].parent))
+        chain = [one for one in chain if _error(one, "after") is not None] or [version]
+        start = {"effect": None, "target": None, "parameters": {}, "mse_rad2": _error(chain[0], "before")}
+        steps = [start | {"holdout_mse_rad2": _error(chain[0], "holdout_before")}]
+        for one in chain:
+            values = {name: record["value"] for name, record in _values(one).items() if record["ci95"] is not None}
+            step = {"effect": one.title or one.kind, "target": one.short_id, "parameters": values}
+            errors = {"mse_rad2": _error(one, "after"), "holdout_mse_rad2": _error(one, "holdout_after")}
+            steps.append(step | errors)
+        figure = ladder_figure("", steps, {}, None).update_layout(height=420)
+        figure.update_xaxes(range=[-0.4, len(steps) - 0.6])
+        words = "The error by what was added, on fitted and on held-out motion."
+        return {"version": version.id, "steps": steps, "figure": as_spec(chart("ladder", figure, words))}
+
+    def _export(self, request: Request) -> Response:
+        reference = request.query_params.get("version", "")
+        version, mjcf = self._store.get(reference), self._store.model(reference)
+        name = f"{version.hand}-{version.short_id}.xml"  # both are letters, digits and _.- alone
+        headers = {"Content-Disposition": f'attachment; filename="{name}"'}
+        return Response(mjcf, media_type="application/xml", headers=headers)
+
+    def _promote(self, body: dict[str, Any]) -> dict[str, Any]:
+        force, reason = body.get("force") is True, str(body.get("reason") or "") or None
+        return self._moved(self._store.promote(str(body.get("version", "")), reason=reason, force=force))
+
+    def _moved(self, version: Version) -> dict[str, Any]:
+        return {"current": version.id, "title": version.title or version.kind}
+
+
+def _summary(version: Version) -> dict[str, Any]:
+    return {
+        "id": version.id,
+        "kind": version.kind,
+        "title": version.title,
+        "created": version.created,
+        "parent": version.parent,
+        "effects": [f"{e.get('effect')} at {e.get('target')}" for e in version.terms.get("effects") or []],
+        "errors": {name: _error(version, name) for name in ("before", "after", "holdout_before", "holdout_after")},
+        "fitted_on": [used.name for used in version.fitted_on],
+    }
+
+
+def _error(version: Version, name: str) -> float | None:
+    value = (version.errors.get(name) or {}).get("mse_rad2")
+    return float(value) if isinstance(value, (int, float)) else None
+
+
+def _values(version: Version) -> dict[str, dict[str, Any]]:
+    """Fitted and set parameters and the values of effects, by name."""
+    found: dict[str, dict[str, Any]] = {
+        name: {"value": value, "unit": "", "ci95": None} for name, value in version.sets().items()
+    }
+    for name, record in version.parameters.items():
+        found[name] = {"value": record.value, "unit": record.unit, "ci95": record.ci95}
+    return found

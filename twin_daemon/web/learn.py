@@ -1,0 +1,209 @@
+"""Diagnose, add and watch: what the page starts, and how what came of it is shown."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+from pydantic import ValidationError
+from starlette.requests import Request
+from starlette.routing import BaseRoute
+
+from twin_daemon.diagnosis.verdict import IN_WORDS, Diagnosis, LadderResult
+from twin_daemon.effects import LIBRARY
+from twin_daemon.errors import BadInput, nearest
+from twin_daemon.figures.effect import effect_figure
+from twin_daemon.figures.style import REFERENCE, TWIN, label, styled
+from twin_daemon.places import HAND, ROBOT
+from twin_daemon.report.chart import chart
+from twin_daemon.report.page import diagnosis_section, ladder_chart
+from twin_daemon.signals.trajectory import load_trajectory
+from twin_daemon.simulation.follow import follow
+from twin_daemon.simulation.signature import signature
+from twin_daemon.versions import NOMINAL
+from twin_daemon.web.app import posting, reading
+from twin_daemon.web.compare import as_spec
+from twin_daemon.web.jobs import Job, Jobs, Kind
+from twin_daemon.web.library import Library
+from twin_daemon.web.model_cache import ModelCache
+
+_MOST_STEPS = 12
+_MOST_CURVES = 8
+
+
+class Learn:
+    """The questions of the view. `data_options` say how recordings are read, as at the start of the workbench."""
+
+    def __init__(self, library: Library, cache: ModelCache, jobs: Jobs, data_options: list[str]) -> None:
+        self._library, self._cache, self._jobs = library, cache, jobs
+        self._data_options = data_options
+
+    @property
+    def routes(self) -> list[BaseRoute]:
+        return [
+            reading("/api/effects", lambda _: self._effects()),
+            reading("/api/effect", self._effect),
+            reading("/api/job", self._job),
+            reading("/api/experiment", lambda _: self._experiment()),
+            posting("/api/job/diagnose", self._diagnose),
+            posting("/api/job/add", self._add),
+            posting("/api/job/ladder", self._ladder),
+            posting("/api/job/stop", self._stop),
+        ]
+
+    # -- starting ------------------------------------------------------------------------------------------
+
+    def _diagnose(self, body: dict[str, Any]) -> dict[str, Any]:
+        arguments, about = self._common(body)
+        joints = body.get("joints") or []
+        if joints:
+            arguments += ["--joints", *(self._place(name) for name in joints)]
+        return self._begun("diagnose", arguments, about)
+
+    def _add(self, body: dict[str, Any]) -> dict[str, Any]:
+        arguments, about = self._common(body)
+        effect, place = str(body.get("effect", "")), self._place(body.get("joint"))
+        if effect not in LIBRARY:
+            raise BadInput(f"no effect '{effect:.60}'", todo=nearest(effect, list(LIBRARY)))
+        taken = self._found(about, effect, place)
+        return self._begun(
+            "add", [effect, "--joint", place, *taken, *arguments], about | {"effect": effect, "joint": place}
+        )
+
+    def _ladder(self, body: dict[str, Any]) -> dict[str, Any]:
+        arguments, about = self._common(body)
+        steps = body.get("max_steps", 6)
+        if not isinstance(steps, int) or not 0 <= steps <= _MOST_STEPS:
+            raise BadInput(f"max_steps is {steps!s:.40}", allowed=f"0 to {_MOST_STEPS}")
+        return self._begun("ladder", [*arguments, "--max-steps", str(steps)], about)
+
+    def _stop(self, _body: dict[str, Any]) -> dict[str, Any]:
+        self._jobs.stop()
+        return {}
+
+    def _common(self, body: dict[str, Any]) -> tuple[list[str], dict[str, str]]:
+        """(options of the command, what it is about)."""
+        path = self._library.path(str(body.get("recording", "")))
+        version = self._cache.version_id(str(body.get("version") or NOMINAL))
+        arguments = ["--recording", str(path), "--version", version, *self._data_options]
+        if body.get("holdout"):
+            arguments += ["--holdout", str(self._library.path(str(body["holdout"])))]
+        about = {"recording": path.name, "recording_id": str(body["recording"]), "version": version}
+        return arguments, about | {"holdout": str(body.get("holdout") or "")}
+
+    def _found(self, about: dict[str, str], effect: str, place: str) -> list[str]:
+        """Options that take over what the last diagnosis of the same data and version found; none where it did not."""
+        job = self._jobs.latest("diagnose")
+        if job is None or job.result is None or job.about != about:
+            return []
+        names = [(one["effect"], one["target"]) for one in job.result["findings"]]
+        return ["--finding", f"{job.path}:{names.index((effect, place)) + 1}"] if (effect, place) in names else []
+
+    def _place(self, name: object) -> str:
+        """The twin's name of a joint, a command or the whole hand; what is none is never an option of a command."""
+        return self._cache.nominal.place(str(name)).target
+
+    def _begun(self, kind: Kind, arguments: list[str], about: dict[str, str]) -> dict[str, Any]:
+        return {"number": self._jobs.start(kind, arguments, about).number}
+
+    # -- showing -------------------------------------------------------------------------------------------
+
+    def _effects(self) -> dict[str, Any]:
+        effects = [
+            {"key": kind.key, "title": kind.title, "acts_on": kind.acts_on, "story": vars(kind.story)}
+            for kind in LIBRARY.values()
+        ]
+        nominal = self._cache.nominal
+        places = list(dict.fromkeys([*nominal.joints, *nominal.actuators, HAND, ROBOT]))
+        return {"effects": effects, "places": places}
+
+    def _effect(self, request: Request) -> dict[str, Any]:
+        """What a typical amount of an effect does to a motion of the model. Nothing moves."""
+        key, place = (request.query_params.get(name, "") for name in ("effect", "place"))
+        found = signature(self._cache.nominal, key, self._place(place))
+        words = (
+            f"A motion of {found.name} as commanded, without {key} and with it ({found.amounts}); below the difference."
+        )
+        return {"figure": as_spec(chart("effect", effect_figure(key, found), words)), "words": words}
+
+    def _job(self, request: Request) -> dict[str, Any]:
+        """The last job of a kind: what it said after line `after` and, when it has ended, what came of it."""
+        kinds: dict[str, Kind] = {"diagnose": "diagnose", "add": "add", "ladder": "ladder"}
+        kind = kinds.get(request.query_params.get("kind", ""))
+        if kind is None:
+            raise BadInput("no such work", allowed=", ".join(kinds))
+        job = self._jobs.latest(kind)
+        if job is None:
+            return {"status": "none"}
+        text = request.query_params.get("after", "0")
+        after = int(text) if text.isdecimal() and len(text) < 9 else 0
+        return {
+            "status": job.status,
+            "number": job.number,
+            "about": job.about,
+            "lines": job.lines[after:],
+            "count": len(job.lines),
+            "error": job.error,
+            "seconds": (job.ended_s or job.began_s) - job.began_s,
+            "result": None if job.result is None else self._shown(job),
+        }
+
+    def _shown(self, job: Job) -> dict[str, Any]:
+        assert job.result is not None
+        try:
+            if job.kind == "diagnose":
+                found = Diagnosis.model_validate(job.result)
+                findings = [{"effect": one.effect, "target": one.target} for one in found.findings]
+                proposed = found.next_experiment is not None
+                words = IN_WORDS[found.verdict]
+                html = str(diagnosis_section(found))
+                return {
+                    "verdict": found.verdict,
+                    "words": words,
+                    "findings": findings,
+                    "html": html,
+                    "proposed": proposed,
+                }
+            if job.kind == "ladder":
+                ladder = LadderResult.model_validate(job.result)
+                steps = sum(step.effect is not None for step in ladder.steps)
+                return {
+                    "version": ladder.version if steps else None,
+                    "words": f"{steps} effects were added. {ladder.reason}",
+                    "figure": as_spec(ladder_chart(ladder)),
+                }
+        except ValidationError as error:
+            raise BadInput(f"what twin {job.kind} wrote cannot be read: {error.errors()[0]['msg']}") from None
+        errors = ("before", "after", "holdout_before", "holdout_after", "holdout_joints_before", "holdout_joints_after")
+        about = ("version", "effect", "targets", "parameters", "notes", "finding")
+        return {key: job.result.get(key) for key in (*about, *errors)}
+
+    def _experiment(self) -> dict[str, Any]:
+        """The motion that the last diagnosis proposes, and how the twin would follow it. Nothing moves."""
+        job = self._jobs.latest("diagnose")
+        proposed = (job.result or {}).get("next_experiment") if job is not None else None
+        if job is None or proposed is None:
+            raise BadInput("the last diagnosis proposes no experiment")
+        twin = self._cache.twin(job.about["version"])
+        plan = load_trajectory(proposed["trajectory"], twin.hand).by_command(twin.hand)
+        step_s = float(twin.model.opt.timestep)
+        time_s = np.arange(int(np.ceil(plan.times_s[-1] / step_s)) + 1) * step_s
+        targets = np.stack([np.interp(time_s, plan.times_s, column) for column in plan.positions.T], axis=1)
+        controls, positions = follow(twin, plan.joints, targets)
+        driven = positions @ twin.drive.T
+        travel = np.ptp(controls, axis=0)
+        moving = [column for column in np.argsort(-travel) if travel[column] > 0.0][:_MOST_CURVES]
+        figure = go.Figure()
+        every = max(len(time_s) // 1500, 1)
+        for column in moving:
+            name = label(twin.actuators[column])
+            for values, words, colour, dash in (
+                (controls[:, column], f"{name}, commanded", REFERENCE, "dot"),
+                (driven[:, column], f"{name}, the twin", TWIN, "solid"),
+            ):
+                line = {"color": colour, "dash": dash}
+                figure.add_trace(go.Scatter(x=time_s[::every], y=values[::every], name=words, mode="lines", line=line))
+        styled(figure, "", height=360).update_xaxes(title_text="time (s)").update_yaxes(title_text="rad")
+        words = "The proposed motion as commanded, and as the twin follows it."
+        return {"figure": as_spec(chart("experiment", figure, words)), "why": proposed["why"], "path": proposed["path"]}
