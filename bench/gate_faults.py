@@ -7,8 +7,8 @@ import numpy as np
 from twin_daemon.daemon.one_source import OneSource
 from twin_daemon.gate.gate import Gate
 from twin_daemon.gate.limits import Limits
+from twin_daemon.gate.motion_monitor import PRESSES
 from twin_daemon.gate.readings import RECENT_S
-from twin_daemon.gate.trips import PRESSES
 from twin_daemon.hand.schema import CommandInfo
 from twin_daemon.simulation.twin import TwinModel
 
@@ -75,7 +75,7 @@ class Fault:
 
 
 class Contact:
-    """Counts trips beside a blocked joint, and setpoints that stay beyond its contact after them.
+    """Counts protective stops beside a blocked joint, and setpoints that stay beyond its contact after them.
 
     Beyond is more than the margin that holds links up, and more than the least setpoint since the gate was idle:
     a sensor that has not proved itself calls no setpoint to where none has been.
@@ -83,38 +83,38 @@ class Contact:
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
-        self._tripped_s: float | None = None
+        self._stopped_s: float | None = None
         self._least = np.full(len(limits.names), np.inf)
-        self.trips = 0
+        self.stops = 0
 
     def sent(self, setpoint: np.ndarray) -> None:
         """The setpoints (c,) rad in force from now on; NaN where there is none."""
         given = np.isfinite(setpoint)
         self._least = np.where(given, np.minimum(self._least, setpoint), np.inf)
 
-    def witness(self, entry: dict[str, object], now_s: float) -> None:
+    def audit_sink(self, entry: dict[str, object], now_s: float) -> None:
         """Every decision of the gate."""
         verb = entry["verb"]
         if verb == "trip":
-            self._tripped_s = now_s if entry["check"] in PRESSES else None
+            self._stopped_s = now_s if entry["check"] in PRESSES else None
         elif entry["accepted"]:
-            self._tripped_s = now_s if verb == "stop" else None
+            self._stopped_s = now_s if verb == "stop" else None
 
     def look(self, fault: Fault, setpoint: np.ndarray, now_s: float, heard: bool) -> None:
         """After each turn, with the setpoints (c,) in force; a hand that was not heard meanwhile is no measure."""
         if not heard or fault.wall is None:
-            self._tripped_s = None
-        if self._tripped_s is None or now_s < self._tripped_s + _LET_GO_S or fault.wall is None:
+            self._stopped_s = None
+        if self._stopped_s is None or now_s < self._stopped_s + _LET_GO_S or fault.wall is None:
             return
-        self._tripped_s = None
+        self._stopped_s = None
         column = self._limits.names.index(fault.command)
         if np.isfinite(setpoint[column]):
-            self.trips += 1
+            self.stops += 1
             beyond = float(setpoint[column] - max(fault.wall, self._limits.lower[column]))
             most = float(self._limits.margin[column]) + _EPS_RAD
             all_the_way = setpoint[column] <= self._least[column] + _EPS_RAD
             assert beyond <= most or all_the_way, (
-                f"{fault.command} is sent {beyond:.3f} rad beyond its contact after a trip"
+                f"{fault.command} is sent {beyond:.3f} rad beyond its contact after a protective stop"
             )
 
 

@@ -6,7 +6,7 @@ Each stream is a life of one gate under a made-up clock: several commanders at o
 command, numbers that jump or are none, requests that are old, repeated or out of order, clocks that jump, a hand that
 falls silent or says nonsense, somebody who sends past the gate, blocked fingers, sensors that lie, a second source of
 states, a gate that is killed and started again. After every turn what was sent is held against the limits, a first
-command against what the hand has said, and the setpoints after a trip against the contact.
+command against what the hand has said, and the setpoints after a protective stop against the contact.
 """
 
 from __future__ import annotations
@@ -164,12 +164,12 @@ class Stream:
         self.held = np.full(len(self.names), np.nan)  # what the hand was sent last
 
     def _begun(self) -> Gate:
-        gate = Gate(self._twin, self._settings, self._witness, session="s", latch=self._latch)  # type: ignore[arg-type]
+        gate = Gate(self._twin, self._settings, self._audit_sink, session="s", latch=self._latch)  # type: ignore[arg-type]
         gate.clock = lambda: self.now_s
         return gate
 
-    def _witness(self, entry: dict[str, Any]) -> None:
-        self.contact.witness(entry, self.now_s)
+    def _audit_sink(self, entry: dict[str, Any]) -> None:
+        self.contact.audit_sink(entry, self.now_s)
 
     def _restart(self) -> None:
         """Killed, and started again: stopped where it was, else read-only, and with nobody's lease."""
@@ -204,7 +204,7 @@ class Stream:
         assert not self.gate.status(self.now_s)["moving"], "still moving with the hand silent"
         self.answers["sent"] = self.watch.sent
         self.answers["first commands"] = self.starts.looked_at
-        self.answers["contacts let go"] = self.contact.trips
+        self.answers["contacts let go"] = self.contact.stops
         if self.fault.begun:
             self.answers[f"fault: {self.fault.kind}"] = 1
         return self.answers

@@ -19,13 +19,13 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from bridges.ros2.action_goals import ActionGoals
+from bridges.ros2.command_publisher import RosCommandPublisher, trajectory_content
 from bridges.ros2.commands import Commands
 from bridges.ros2.controllers import ControllerTopics
 from bridges.ros2.conversions import trajectory_message
 from bridges.ros2.diagnostics import Diagnostics
 from bridges.ros2.driver_stop import RosDriverStop
 from bridges.ros2.link import ZenohLink
-from bridges.ros2.outlet import RosOutlet, trajectory_content
 from bridges.ros2.own_messages import OwnMessages
 from bridges.ros2.parameters import PERIOD, declare_parameters
 from bridges.ros2.publishers import others_on
@@ -89,7 +89,7 @@ class TwinBridge(Node):
             if settings.description.stop is not None and settings.description.stop.ros_service is not None:
                 RosDriverStop(self, self.link, settings.description, self.guard)
             if published:
-                RosOutlet(self, self.link, settings, self._own, self.guard)
+                RosCommandPublisher(self, self.link, settings, self._own, self.guard)
             self._subscribe(JointState, settings.joint_states_topic, self._measured, _SENSOR, raw=True)
             self._subscribe(JointState, settings.joint_commands_topic, self._commanded, _SENSOR, raw=True)
             # a single message that matters, which controllers take reliably as well

@@ -12,8 +12,8 @@ from typing import Any
 
 import zenoh
 
+from bridges.zenoh.command_publisher import CommandPublisher
 from bridges.zenoh.driver_stop import DriverStop
-from bridges.zenoh.outlet import Outlet
 from bridges.zenoh.sources import Sources
 from twin_daemon.gate.asked import NOTHING_SENT
 from twin_daemon.gate.gate import Gate
@@ -49,7 +49,7 @@ class Gatekeeper:
         daemon_silent_s: Callable[[float], float] = lambda _: 0.0,
     ) -> None:
         self.gate = gate
-        gate.witness, gate.clock = register, time.monotonic
+        gate.audit_sink, gate.clock = register, time.monotonic
         self._register = register
         self._keyring = keyring
         self._recalibrate = recalibrate
@@ -57,10 +57,10 @@ class Gatekeeper:
         self._key = lambda verb: description.key("command", verb=verb)
         self._guard = Guard(log)
         self._turn_s, self._request_s = Durations(), Durations()
-        self._outlet = Outlet(session, description)
+        self._publisher = CommandPublisher(session, description)
         self._driver_stop = DriverStop(session, description)
         self._look_again_s: float | None = None
-        gate.outlet, gate.names_source = self._outlet.source, Sources(session).named
+        gate.own_source, gate.names_source = self._publisher.source, Sources(session).named
         self._turned_s = time.monotonic()
         self._stop, self._wake = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._turns, name="twin-gate", daemon=True)
@@ -98,7 +98,7 @@ class Gatekeeper:
         self._stop.set()
         self._wake.set()
         self._thread.join()
-        self._outlet.close()
+        self._publisher.close()
 
     # -- requests ------------------------------------------------------------------------------------------
 
@@ -229,7 +229,7 @@ class Gatekeeper:
                 self.gate.end("daemon", f"the daemon has been silent for {silent_s:.2f} s", now_s)
             command = self.gate.turn(now_s, time.time_ns())
             if command is not None:
-                self._outlet.send(command)
+                self._publisher.send(command)
                 self._turn_s.add(time.thread_time() - began_s)
             self._register.tell()
         except Exception as error:

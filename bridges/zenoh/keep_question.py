@@ -27,7 +27,7 @@ class KeepQuestion:
                 # to ask for everything below a namespace is to look, and looking must not fill the disk
                 looked = str(query.key_expr) != self._key
                 wildcard = "asked with a wildcard; ask for the key itself"
-                answer = self._saver.refused(wildcard) if looked else self._saver.keep()
+                answer = self._saver.refused(wildcard) if looked else self._saver.save()
                 query.reply(self._key, json.dumps(answer, allow_nan=False), encoding="application/json")
         except Exception as error:
             log.warning("the answer to keep failed: %r", error)

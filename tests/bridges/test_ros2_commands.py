@@ -53,18 +53,18 @@ def test_one_place_publishes_commands() -> None:
         for name, tree in trees().items()
         for call in calls(tree, "create_publisher")
     }
-    assert {topic for topic, name in published if name != "outlet.py"} == {
+    assert {topic for topic, name in published if name != "command_publisher.py"} == {
         "twin/joint_states",
         "twin/residual",
         "/diagnostics",
     }
-    assert [name for _, name in published].count("outlet.py") == 1
+    assert [name for _, name in published].count("command_publisher.py") == 1
 
 
 def test_that_place_takes_nothing_but_what_left_the_gate() -> None:
-    tree = trees()["outlet.py"]
-    (outlet,) = [node for node in tree.body if isinstance(node, ast.ClassDef)]
-    methods = {node.name for node in outlet.body if isinstance(node, ast.FunctionDef)}
+    tree = trees()["command_publisher.py"]
+    (publisher,) = [node for node in tree.body if isinstance(node, ast.ClassDef)]
+    methods = {node.name for node in publisher.body if isinstance(node, ast.FunctionDef)}
     assert {name for name in methods if not name.startswith("_")} == set()
     (heard,) = calls(tree, "hear")
     keys = [node for node in ast.walk(tree) if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "key"]

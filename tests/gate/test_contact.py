@@ -164,7 +164,7 @@ def test_it_trips_within_150_ms_of_being_farther_than_expected(twin: TwinModel) 
     while rig.status["mode"] == "armed":
         rig.ask("beat")
         rig.turn()
-        if off_s is None and rig.gate._trips.tracking.off:
+        if off_s is None and rig.gate._monitor.tracking.off:
             off_s = rig.now_s
     assert off_s is not None
     assert rig.now_s - off_s <= 0.15

@@ -71,9 +71,9 @@ def test_a_trajectory_can_say_how_long_the_way_to_its_first_point_takes(rig: Rig
 
 def forged(rig: Rig, other_rad: float, later_s: float = 0.0, source: str | None = None) -> None:
     """The last command of the gate as somebody else sends it: with its stamp."""
-    rig.gate.outlet = "the gate's own"
+    rig.gate.own_source = "the gate's own"
     sent = next(one for one in (rig.turn() for _ in range(50)) if one is not None)
-    rig.gate.seen(sent.stamp_ns, sent.names, sent.position, rig.now_s, rig.gate.outlet)
+    rig.gate.seen(sent.stamp_ns, sent.names, sent.position, rig.now_s, rig.gate.own_source)
     assert rig.status["mode"] == "armed"
     rig.gate.seen(sent.stamp_ns, sent.names, sent.position + other_rad, rig.now_s + later_s, source)
 
@@ -195,7 +195,7 @@ def test_what_cannot_be_recorded_is_not_done_but_a_stop_is(rig: Rig, monkeypatch
     def full(_: dict[str, Any]) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(rig.gate, "witness", full)
+    monkeypatch.setattr(rig.gate, "audit_sink", full)
     refused = rig.ask("move", targets={"rh_FFJ3": 0.5})
     assert refused["check"] == "record"
     assert "audit log" in refused["why"]
@@ -223,7 +223,7 @@ def test_only_the_gate_makes_a_command_sendable() -> None:
         or (isinstance(node, ast.alias) and node.name in ("make_sendable", "_SEAL"))
         or (isinstance(node, ast.Attribute) and node.attr in ("make_sendable", "_SEAL"))
     }
-    assert users == {"twin_daemon/gate/sendable.py", "twin_daemon/gate/outlet.py"}
+    assert users == {"twin_daemon/gate/sendable.py", "twin_daemon/gate/command_output.py"}
 
 
 def test_commanders_do_not_interleave(rig: Rig) -> None:

@@ -55,7 +55,7 @@ def test_missed_runs_count_once_and_outlive_the_daemon(tmp_path: Path) -> None:
 def test_hours_of_motion_are_kept(tmp_path: Path) -> None:
     made = schedule(tmp_path, motion_hours=2.0)
     made.moved(3600.0)
-    made.keep()
+    made.save()
     again = schedule(tmp_path, NOON, motion_hours=2.0)
     assert again.due(NOON + hours(1)) is None
     again.moved(3700.0)

@@ -37,12 +37,12 @@ def ring() -> Ring:
     return held
 
 
-def keeper(folder: Path, **settings: object) -> RingSaver:
+def saver(folder: Path, **settings: object) -> RingSaver:
     return RingSaver(ring(), load_hand().description, folder, DaemonSettings.model_validate(settings))
 
 
 def test_what_is_kept_loads_as_a_recording(tmp_path: Path) -> None:
-    answer = keeper(tmp_path / "recordings").keep()
+    answer = saver(tmp_path / "recordings").save()
     assert answer["kept"], answer
     assert (answer["messages"], answer["limited_by"]) == (4 * COUNT, "keep_minutes")
     assert answer["seconds"] == pytest.approx((COUNT - 1) * PERIOD_NS * 1e-9)
@@ -67,20 +67,20 @@ def test_what_the_hand_did_since_a_moment_is_kept_but_half_a_minute_at_least(
             held.add(stream, stamp_ns, payload, 100.0 + 0.5 * number)
     one = RingSaver(held, load_hand().description, tmp_path, DaemonSettings())
     newest_ns = BEGIN_NS + (count - 1) * 500_000_000
-    answer = one.keep(newest_ns - round(ago_s * 1e9))
+    answer = one.save(newest_ns - round(ago_s * 1e9))
     assert answer["seconds"] == pytest.approx(kept_s)
     assert load_recording(Path(answer["path"])).stamp_ns[-1] == newest_ns
 
 
 def test_two_keeps_are_two_files(tmp_path: Path) -> None:
-    one = keeper(tmp_path)
-    assert one.keep()["path"] != one.keep()["path"]
+    one = saver(tmp_path)
+    assert one.save()["path"] != one.save()["path"]
 
 
 def test_nothing_is_kept_of_nothing(tmp_path: Path) -> None:
     description = load_hand().description
     for seconds, why in ((60.0, "nothing has arrived"), (0.0, "keep_minutes is 0")):
-        answer = RingSaver(Ring(seconds, 2**20), description, tmp_path / "r", DaemonSettings()).keep()
+        answer = RingSaver(Ring(seconds, 2**20), description, tmp_path / "r", DaemonSettings()).save()
         assert (answer["kept"], answer["messages"], answer["path"]) == (False, 0, None)
         assert why in answer["why"]
     assert not (tmp_path / "r").exists()
@@ -90,7 +90,7 @@ def test_beyond_the_quota_nothing_is_written_and_nothing_removed(tmp_path: Path)
     (tmp_path / "kept-20200101T000000.000000Z.mcap").write_bytes(bytes(900_000))
     (tmp_path / "mine.mcap").write_bytes(bytes(200_000))
     before = sorted(tmp_path.iterdir())
-    answer = keeper(tmp_path, recordings_quota_mib=1).keep()
+    answer = saver(tmp_path, recordings_quota_mib=1).save()
     assert not answer["kept"]
     assert "recordings_quota_mib" in answer["why"]
     assert str(tmp_path) in answer["why"]
@@ -101,7 +101,7 @@ def test_rotation_removes_the_oldest_kept_ones_only_as_far_as_needed(tmp_path: P
     for year in (2020, 2021, 2022):
         (tmp_path / f"kept-{year}0101T000000.000000Z.mcap").write_bytes(bytes(300_000))
     (tmp_path / "mine.mcap").write_bytes(bytes(100_000))
-    answer = keeper(tmp_path, recordings_quota_mib=1, recordings_rotate=True).keep()
+    answer = saver(tmp_path, recordings_quota_mib=1, recordings_rotate=True).save()
     assert answer["kept"], answer
     left = {path.name for path in tmp_path.iterdir()}
     assert left == {
@@ -116,13 +116,13 @@ def test_rotation_removes_the_oldest_kept_ones_only_as_far_as_needed(tmp_path: P
 def test_rotation_that_would_not_be_enough_removes_nothing(tmp_path: Path) -> None:
     (tmp_path / "kept-20200101T000000.000000Z.mcap").write_bytes(bytes(100_000))
     (tmp_path / "mine.mcap").write_bytes(bytes(1_000_000))
-    answer = keeper(tmp_path, recordings_quota_mib=1, recordings_rotate=True).keep()
+    answer = saver(tmp_path, recordings_quota_mib=1, recordings_rotate=True).save()
     assert not answer["kept"]
     assert len(list(tmp_path.iterdir())) == 2
 
 
 def test_a_folder_that_cannot_be_written_is_an_answer(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
-    answer = keeper(tmp_path / "file").keep()
+    answer = saver(tmp_path / "file").save()
     assert not answer["kept"]
     assert os.strerror(17) in answer["why"] or os.strerror(20) in answer["why"]

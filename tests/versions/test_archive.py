@@ -116,7 +116,7 @@ def test_a_restore_that_was_cut_off_can_be_finished(
 ) -> None:
     before = state_of("left")
     file = backed_up(tmp_path / "backup.tar")
-    shutil.rmtree(VersionStore("left").shelf.folders)
+    shutil.rmtree(VersionStore("left").contents.folders)
     assert restore(file, "left")[0].how == "merged"
     assert state_of("left") == before
 

@@ -161,7 +161,7 @@ def test_a_folder_that_a_dead_writer_left_unlogged_is_taken_up(
 
     other = VersionStore("hand", root=tmp_path / "other", shipped=tmp_path / "none")
     version = other.add(draft(0.9), mjcf)
-    shutil.copytree(other.resolve(version.id).folder, store.shelf.folders / version.id)
+    shutil.copytree(other.resolve(version.id).folder, store.contents.folders / version.id)
     assert verify(store).problems == ()
     assert store.decisions().last is not None
     assert store.decisions().last.version == version.id

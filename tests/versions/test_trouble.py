@@ -130,7 +130,7 @@ def test_a_version_that_cannot_be_written_whole_is_not_there(
     assert store.list()[1:] == [good]
     assert store.aliases() == {"current": "nominal", "candidate": good.id}
     assert verify(store).problems == ()
-    assert not list(store.shelf.folders.glob(".*"))
+    assert not list(store.contents.folders.glob(".*"))
 
 
 def test_a_clock_that_jumps_back_a_day_does_not_turn_the_order_around(

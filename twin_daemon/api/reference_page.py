@@ -11,6 +11,7 @@ from typing import Any
 
 from twin_daemon import api
 from twin_daemon.api import results
+from twin_daemon.cli.reference_page import code_cell
 from twin_daemon.diagnosis import verdict
 from twin_daemon.estimation.estimate import Estimate
 from twin_daemon.files import write_atomically
@@ -97,7 +98,7 @@ def _class(one: type) -> str:
     fields = [field for above in reversed(_own(one)) for field in _fields(_parsed(above))]
     if fields:
         text += "\n| field | type | meaning |\n|---|---|---|\n"
-        text += "".join(f"| `{name}` | {_code(kind)} | {said} |\n" for name, kind, said in fields)
+        text += "".join(f"| `{name}` | {code_cell(kind)} | {said} |\n" for name, kind, said in fields)
     methods = _methods(_parsed(one))
     return text + (f"\n{methods}" if methods else "")
 
@@ -143,10 +144,6 @@ def _methods(one: ast.ClassDef) -> str:
 
 def _said(one: Any) -> str:
     return inspect.cleandoc(one.__doc__ or "").replace("rad^2", "rad²")
-
-
-def _code(kind: str) -> str:
-    return f"<code>{kind.replace('|', '&#124;')}</code>" if "|" in kind else f"`{kind}`"
 
 
 if __name__ == "__main__":

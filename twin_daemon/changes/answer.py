@@ -53,7 +53,7 @@ class Unchanged(_Said):
     least: float | None
 
 
-class Unseen(_Said):
+class Undetectable(_Said):
     """What may have changed without these recordings showing it."""
 
     effect: str
@@ -67,6 +67,6 @@ class Since(Diagnosis):
 
     changes: tuple[Change, ...] = ()
     unchanged: tuple[Unchanged, ...] = ()
-    unseen: tuple[Unseen, ...] = ()
+    undetectable: tuple[Undetectable, ...] = ()
     baseline: tuple[RecordingRead, ...] = ()
     since_version: str | None = None

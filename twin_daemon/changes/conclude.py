@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from twin_daemon.changes.answer import Change, Since, Unchanged, Unseen, Valued
+from twin_daemon.changes.answer import Change, Since, Unchanged, Undetectable, Valued
 from twin_daemon.changes.group_search import GroupFound
 from twin_daemon.changes.quantities import Quantity
 from twin_daemon.changes.thresholds import BLOCK_SAMPLES, LEFT_OVER, NAMED, POSSIBLE
@@ -32,7 +32,7 @@ def conclude(
     )
     worst = max(found, key=lambda group: group.left, default=None)
     ambiguous = [change for change in changes if change.rivals]
-    unchanged, unseen = _not_changed(found)
+    unchanged, undetectable = _not_changed(found)
     verdict: VerdictName
     if not found:
         verdict = "unexplained" if interrupted else "not_excited"
@@ -69,7 +69,7 @@ def conclude(
         },
         changes=changes,
         unchanged=unchanged,
-        unseen=unseen,
+        undetectable=undetectable,
         interrupted=interrupted,
         notes=tuple(f"{name}: too little motion clear of contacts in both sessions" for name in touching),
     )
@@ -178,8 +178,8 @@ def _amount(group: GroupFound, index: int) -> float:
     return float(group.fit.point[index] + group.fit.point[len(group.quantities) + index])
 
 
-def _not_changed(found: Sequence[GroupFound]) -> tuple[tuple[Unchanged, ...], tuple[Unseen, ...]]:
-    unchanged, unseen = [], []
+def _not_changed(found: Sequence[GroupFound]) -> tuple[tuple[Unchanged, ...], tuple[Undetectable, ...]]:
+    unchanged, undetectable = [], []
     for group in found:
         for index, least in group.seen_from.items():
             quantity = group.quantities[index]
@@ -189,15 +189,15 @@ def _not_changed(found: Sequence[GroupFound]) -> tuple[tuple[Unchanged, ...], tu
             about = {"effect": quantity.effect, "parameter": quantity.name, "joints": quantity.joints}
             if least > quantity.visible or not np.isfinite(least):
                 why = "this motion would not have shown even a large change"
-                unseen.append(Unseen(**about, why=why))
+                undetectable.append(Undetectable(**about, why=why))
             elif possible:
                 why = f"not decided: probability {group.probability[index]:.2f}, below {NAMED:g}"
-                unseen.append(Unseen(**about, why=why))
+                undetectable.append(Undetectable(**about, why=why))
             else:
                 ratio = float(np.exp(least)) if quantity.is_parameter else None
                 amount = None if quantity.is_parameter else quantity.value(least)
                 unchanged.append(Unchanged(**about, unit=quantity.unit, least_ratio=ratio, least=amount))
-    return tuple(unchanged), tuple(unseen)
+    return tuple(unchanged), tuple(undetectable)
 
 
 def _place(quantity: Quantity) -> str:

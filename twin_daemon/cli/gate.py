@@ -143,10 +143,10 @@ def _serve(
         register = Register(audit, link.tell)
 
         def recalibrate(who: str) -> str | None:
-            return link.recalibrate(who, keeper.status())
+            return link.recalibrate(who, gatekeeper.status())
 
-        keeper = Gatekeeper(session, gate, register, keyring, description, recalibrate, link.silent_s)
-        stack.callback(keeper.close)
+        gatekeeper = Gatekeeper(session, gate, register, keyring, description, recalibrate, link.silent_s)
+        stack.callback(gatekeeper.close)
         promotions = Promotions(source, gate.hand_model)
         stack.callback(promotions.close)
         where = f"listens at {address}" if how == "listens" else f"joined the router at {address}"
@@ -155,7 +155,7 @@ def _serve(
         gc.freeze()  # what is here stays: the collector need not walk through it while a turn waits
         sys.setswitchinterval(SWITCH_S)
         notifier = Notifier()
-        link.tell_status(keeper.status())
+        link.tell_status(gatekeeper.status())
         ready()
         notifier.say("READY=1")
         end_s = None if seconds is None else time.monotonic() + seconds
@@ -165,12 +165,12 @@ def _serve(
                 # not before the daemon hears: a recording is played as soon as somebody listens
                 ears = Ears(session, description, Ear(twin, gate, link.tell), ros)
                 stack.callback(ears.close)
-            if keeper.turns(within_s=_HANGS_S):
+            if gatekeeper.turns(within_s=_HANGS_S):
                 notifier.alive()
             found = promotions.take()
             if found is not None:
                 gate.use(found[0])
-            link.tell_status(keeper.status())
+            link.tell_status(gatekeeper.status())
         notifier.say("STOPPING=1")
     log.info("the gate of %s has stopped", description.namespace)
     return 0

@@ -85,11 +85,11 @@ def _payload(session: Session, ladder: Ladder, train: list[Aligned], held: list[
     from twin_daemon.comparison.report import comparison_report
 
     promoted = session.last_promoted()
-    (fitted, _), (unseen, _) = (comparison_report(session.twin, r, promoted) for r in (train, held))
+    (fitted, _), (held_out, _) = (comparison_report(session.twin, r, promoted) for r in (train, held))
     references = {
         name: {
             "mse_rad2": fitted["references"][name]["mse_rad2"],
-            "holdout_mse_rad2": unseen["references"][name]["mse_rad2"],
+            "holdout_mse_rad2": held_out["references"][name]["mse_rad2"],
         }
         for name in ("raw_command", "last_promoted")
     }
@@ -156,8 +156,8 @@ def _show(payload: dict[str, Any], ladder: Ladder, json: str | None) -> None:
     if last.verdict is not None:
         console.print(f"[bold]{IN_WORDS[last.verdict]}[/] {plain_text(payload['reason'])}")
     raw = payload["references"]["raw_command"]["holdout_mse_rad2"]
-    unseen = ladder.last_judged.holdout_mse_rad2
-    if raw is not None and unseen is not None and unseen >= raw:
+    held_out = ladder.last_judged.holdout_mse_rad2
+    if raw is not None and held_out is not None and held_out >= raw:
         console.print("[bold]The raw command still predicts validation data better[/]: do not promote it")
     for name in payload["refused"]:
         console.print(f"{plain_text(name)} was found, but the error on validation data does not fall: not added")

@@ -117,7 +117,7 @@ def _command(full: str, command: Any, shared: list[_Option]) -> str:
     if own:
         text += "\n" + _table("option", own)
     if common:
-        text += f"\n[Shared](#shared-options): {', '.join(_code(written) for written, _ in common)}.\n"
+        text += f"\n[Shared](#shared-options): {', '.join(code_cell(written) for written, _ in common)}.\n"
     return text
 
 
@@ -171,11 +171,11 @@ def _said(command: Any) -> str:
 
 
 def _table(title: str, options: list[_Option]) -> str:
-    rows = "".join(f"| {_code(written)} | {_plain(meaning)} |\n" for written, meaning in options)
+    rows = "".join(f"| {code_cell(written)} | {_plain(meaning)} |\n" for written, meaning in options)
     return f"| {title} | meaning |\n|---|---|\n{rows}"
 
 
-def _code(text: str) -> str:
+def code_cell(text: str) -> str:
     """Code in a cell of a table: with a bar in it, GitHub and Python-Markdown read backticks differently."""
     if "|" not in text:
         return f"`{text}`"

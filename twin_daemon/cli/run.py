@@ -107,7 +107,7 @@ def command(
             gate=lambda: None if link is None else link.status(),
         )
         ring = Ring(60.0 * settings.daemon.keep_minutes, settings.daemon.keep_mib * 2**20)
-        keeper = RingSaver(ring, chosen.description, state_dir() / "recordings", settings.daemon)
+        saver = RingSaver(ring, chosen.description, state_dir() / "recordings", settings.daemon)
         ros = RosKeys(settings.ros) if settings.ros is not None else None
         if not chosen.commands:
             access = access_of(settings.access, address, keyring, chosen.description, folder, ros)
@@ -124,11 +124,11 @@ def command(
                 where=address,
                 todo="Stop it first, or run this one with another --namespace or --endpoint",
             )
-        stack.callback(keeper.close)
-        stack.callback(KeepQuestion(session, chosen.description, keeper).close)
-        diagnoser = Diagnoser(keeper, service, named_hand(hand, model))
+        stack.callback(saver.close)
+        stack.callback(KeepQuestion(session, chosen.description, saver).close)
+        diagnoser = Diagnoser(saver, service, named_hand(hand, model))
         stack.callback(diagnoser.close)
-        recalibrator = Recalibrator(settings.recalibration, keeper, service, source.store, folder, named)
+        recalibrator = Recalibrator(settings.recalibration, saver, service, source.store, folder, named)
         stack.callback(recalibrator.close)
         announcer = Announcer(session, chosen.description, recalibrator.cancel)
         stack.callback(announcer.close)
@@ -157,7 +157,7 @@ def command(
 
         def retune(changed: DaemonSettings) -> None:
             service.retune(changed)
-            keeper.retune(changed)
+            saver.retune(changed)
 
         def tend() -> None:
             notifier.alive()

@@ -214,9 +214,9 @@ def show(console: Console, found: Since) -> None:
         console.print(table)
         if len(found.unchanged) > _MOST_LISTED:
             console.print(f"  and {len(found.unchanged) - _MOST_LISTED} more, in --json")
-    if found.unseen:
-        named = ", ".join(f"{one.effect}:{one.joints[0]}" for one in found.unseen[:_MOST_LISTED])
-        more = f" and {len(found.unseen) - _MOST_LISTED} more" if len(found.unseen) > _MOST_LISTED else ""
+    if found.undetectable:
+        named = ", ".join(f"{one.effect}:{one.joints[0]}" for one in found.undetectable[:_MOST_LISTED])
+        more = f" and {len(found.undetectable) - _MOST_LISTED} more" if len(found.undetectable) > _MOST_LISTED else ""
         console.print(f"not seen by this motion: {plain_text(named)}{more}")
     for note in found.notes:
         console.print(f"note: {plain_text(note)}")

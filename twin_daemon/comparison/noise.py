@@ -28,8 +28,8 @@ def noise_variance(values: np.ndarray) -> float:
         travel = np.array([np.ptp(block) for block in np.array_split(values[1:-1], pieces)])
         moved = blocks[travel > _COUNTS_MOVED * count]
         blocks = moved if len(moved) >= _LEAST_BLOCKS else blocks
-    quiet = np.sort(blocks)[: max(1, len(blocks) // 2)]
-    return float(max(quiet.mean() / 6.0, count**2 / 12.0))
+    lowest = np.sort(blocks)[: max(1, len(blocks) // 2)]
+    return float(max(lowest.mean() / 6.0, count**2 / 12.0))
 
 
 def resolution(values: np.ndarray) -> float:

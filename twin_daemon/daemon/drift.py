@@ -95,28 +95,28 @@ class Drift:
         seconds, squares = self._seconds[pace, joint], self._squares[pace, joint]
         begun_ns = self._begun_ns[pace, joint]
         self._seconds[pace, joint] = self._squares[pace, joint] = 0.0
-        loudness = np.log(squares / seconds + _LEAST_RAD**2)
+        log_power = np.log(squares / seconds + _LEAST_RAD**2)
         learning = self._learnt[pace, joint] < _BASELINE_BLOCKS
         sums = np.stack([seconds, squares])
         self._baseline[:, joint[learning]] += sums[:, learning]
         self._recent[:, joint] = _FORGET * self._recent[:, joint] + sums
-        self._learn(pace[learning], joint[learning], loudness[learning])
+        self._learn(pace[learning], joint[learning], log_power[learning])
         deviation = np.full(len(self._joints), np.nan)
         sigma = _SIGMA_REACH * np.sqrt(self._spread[pace, joint] / (_BASELINE_BLOCKS - 1))
         sigma = np.maximum(sigma, _LEAST_SIGMA)
         usual = self._mean[pace, joint] + _MEAN_REACH * sigma
-        deviation[joint] = np.where(learning, np.nan, (loudness - usual) / sigma)
+        deviation[joint] = np.where(learning, np.nan, (log_power - usual) / sigma)
         since = np.zeros(len(self._joints), dtype=np.int64)
         since[joint] = begun_ns
         above = self._test.add(since, deviation)
         return [self._raise(int(index)) for index in np.flatnonzero(above) if self._joints[index] not in self._alarms]
 
-    def _learn(self, pace: np.ndarray, joint: np.ndarray, loudness: np.ndarray) -> None:
+    def _learn(self, pace: np.ndarray, joint: np.ndarray, log_power: np.ndarray) -> None:
         """Running mean and squares about it (Welford 1962) of each joint at its pace."""
         self._learnt[pace, joint] += 1
-        step = loudness - self._mean[pace, joint]
+        step = log_power - self._mean[pace, joint]
         self._mean[pace, joint] += step / self._learnt[pace, joint]
-        self._spread[pace, joint] += step * (loudness - self._mean[pace, joint])
+        self._spread[pace, joint] += step * (log_power - self._mean[pace, joint])
 
     def _raise(self, index: int) -> Alarm:
         before, now = (float(_rms(sums)[index]) for sums in (self._baseline, self._recent))

@@ -52,7 +52,7 @@ class Schedule:
             if kept.get("unfinished") is not None:
                 self.unfinished = Unfinished(**kept["unfinished"])
         except FileNotFoundError:
-            self.keep()
+            self.save()
         except (OSError, ValueError, KeyError, TypeError) as error:
             log.warning("the schedule in %s cannot be read and begins anew: %s", path, error)
 
@@ -105,12 +105,12 @@ class Schedule:
     def begun(self, now: datetime, run: Unfinished) -> None:
         """A run has begun: everything that was due is served by it."""
         self.last, self.motion_s, self._drifting, self.unfinished = now, 0.0, {}, run
-        self.keep()
+        self.save()
 
     def ended(self) -> None:
         """The run has ended, well or not."""
         self.unfinished = None
-        self.keep()
+        self.save()
 
     def postponed(self, now: datetime, minutes: float = 0.0) -> None:
         """A run that was due could not begin: what was due stays so, and is tried again after `least_minutes`, or after
@@ -135,7 +135,7 @@ class Schedule:
         when = ", or ".join(said) or "only when it is asked for"
         return f"next recalibration ({settings.mode}) {when}" + (f"; not in {settings.quiet}" if settings.quiet else "")
 
-    def keep(self) -> None:
+    def save(self) -> None:
         """Writes the last run and the hours of motion; called now and then and at the end."""
         last, unfinished = self.last.astimezone(UTC).isoformat(), self.unfinished
         content = json.dumps(

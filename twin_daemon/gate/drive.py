@@ -12,9 +12,9 @@ from twin_daemon.gate.hand_model import HandModel
 from twin_daemon.gate.let_go import LetGo, Path
 from twin_daemon.gate.limits import Limits
 from twin_daemon.gate.motion import Motion
+from twin_daemon.gate.motion_monitor import MotionMonitor, ProtectiveStop
 from twin_daemon.gate.settings import GateSettings
 from twin_daemon.gate.shaper import Shaper
-from twin_daemon.gate.trips import Trip, Trips
 
 DONE = "done"
 
@@ -22,7 +22,7 @@ DONE = "done"
 class Drive:
     """Knows nothing of who commands. All arrays by command, (c,), in rad.
 
-    Where a motion would run the hand into itself it calls `ended` with the trip and the time: that ends the motion.
+    Where a motion would run the hand into itself it calls `ended` with the reason and the time: that ends the motion.
     """
 
     def __init__(
@@ -30,11 +30,11 @@ class Drive:
         limits: Limits,
         settings: GateSettings,
         feedback: Feedback,
-        trips: Trips,
+        monitor: MotionMonitor,
         hand_model: HandModel,
-        ended: Callable[[Trip, float], None],
+        ended: Callable[[ProtectiveStop, float], None],
     ) -> None:
-        self._limits, self._settings, self._feedback, self._trips = limits, settings, feedback, trips
+        self._limits, self._settings, self._feedback, self._monitor = limits, settings, feedback, monitor
         self._ended = ended
         self._path = Path(len(limits.names))
         self._rest = np.full(len(limits.names), np.nan)
@@ -65,7 +65,7 @@ class Drive:
         """Somebody begins anew; what still lets go may need the whole way back."""
         if not self.shaper.is_given:
             self._path = Path(len(self._limits.names))
-            self._trips.forget()  # else what is behind has been so before: arming anew buys it no time
+            self._monitor.forget()  # else what is behind has been so before: arming anew buys it no time
 
     def begin(self, motion: Motion) -> None:
         """The next turns go along this."""
@@ -84,7 +84,7 @@ class Drive:
         """No command has a setpoint."""
         self.shaper.forget()
         self._expected.forget()
-        self._trips.forget()
+        self._monitor.forget()
         self.letting_go = None
 
     def advance(self, dt_s: float, now_s: float) -> str | None:
@@ -100,30 +100,30 @@ class Drive:
             if self.letting_go.is_done(shaper.position, now_s, short):
                 word = self.letting_go.not_back(self._limits.names, shaper.position)
                 self.letting_go = None
-                self._trips.forget()
+                self._monitor.forget()
         if motion is not None and np.count_nonzero(velocity):
             now = self.start()
             then = np.where(shaper.given, shaper.stopping(position, velocity), now)
-            trip = in_the_way(self._preview, self._trips, self._feedback.pose, now, then)
-            if trip is not None:
-                self._ended(trip, now_s)
+            stop = in_the_way(self._preview, self._monitor, self._feedback.pose, now, then)
+            if stop is not None:
+                self._ended(stop, now_s)
                 position, velocity = shaper.toward(rest, dt_s)
         shaper.take(position, velocity)
         # a motion is not done while the hand stays behind
-        if self.motion is not None and self.motion.over(position, shaper.still) and not self._trips.suspects:
+        if self.motion is not None and self.motion.over(position, shaper.still) and not self._monitor.suspects:
             self.motion, word = None, DONE
         return word
 
     def expect(self, since_s: float, now_s: float) -> None:
-        """The twin goes on beside the hand; where it failed, or was exchanged, it begins where the hand is."""
+        """The twin goes on beside the hand; where it failed, or was replaced, it begins where the hand is."""
         if not self.shaper.is_given:
             return
         if not self._expected.running:
             self._expected.begin(self._feedback.pose, self.start())
-            self._trips.forget()
+            self._monitor.forget()
         self._expected.advance(self.shaper.position, since_s)
         self._path.add(self.shaper.position, self._feedback.by_command())
-        self._trips.sent(now_s, self.shaper.position.copy(), self._expected.reading)
+        self._monitor.sent(now_s, self.shaper.position.copy(), self._expected.reading)
 
     def let_go(self, sent: np.ndarray, is_last: bool, now_s: float) -> bool:
         """The setpoints go to where the hand is, so that it presses against nothing. Where they were given up already

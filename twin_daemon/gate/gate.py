@@ -1,6 +1,6 @@
 """The gate: asked by commanders, turned by a clock, it alone lets commands out. Read-only until somebody arms it.
 
-Every request passes the checks, every turn the trips, and every setpoint the shaper and a look ahead to where it
+Every request passes the checks, every turn the monitor, and every setpoint the shaper and a look ahead to where it
 could come to rest. Whatever is lost (commander, hand, lease, time), the setpoints come to rest and stay.
 It is software on a computer that can fail: no certified stop, and no substitute for one.
 """
@@ -25,27 +25,27 @@ from twin_daemon.gate.checks import (
     MOTION,
     first_refusal,
 )
+from twin_daemon.gate.command_output import CommandOutput
 from twin_daemon.gate.drive import DONE, Drive
 from twin_daemon.gate.feedback import Feedback
 from twin_daemon.gate.hand_model import HandModel
 from twin_daemon.gate.latch import Latch, kept_on_disk
 from twin_daemon.gate.limits import limits_of
 from twin_daemon.gate.motion import commands_of, row_of
+from twin_daemon.gate.motion_monitor import PRESSES, MotionMonitor, ProtectiveStop, Turn
 from twin_daemon.gate.movement import Movement
-from twin_daemon.gate.outlet import Outlet
 from twin_daemon.gate.requests import Follow, Move, Request
 from twin_daemon.gate.sendable import Sendable
 from twin_daemon.gate.settings import GateSettings
-from twin_daemon.gate.trips import PRESSES, Trip, Trips, Turn
 from twin_daemon.security.identity import Who
 from twin_daemon.simulation.twin import TwinModel
 
-Witness = Callable[[dict[str, Any]], None]
+AuditSink = Callable[[dict[str, Any]], None]
 _GRACE_S = 0.5  # for another source to notice that it is no longer the only one
 
 
 class Gate:
-    """`witness` gets every decision as a plain object before it takes effect; an OSError of it means refused. It is
+    """`audit_sink` gets every decision as a plain object before it takes effect; an OSError of it means refused. It is
     called under the gate's lock and must wait for nobody. With a `latch` a stop outlives the process: a gate whose
     latch is set begins stopped.
 
@@ -56,7 +56,7 @@ class Gate:
         self,
         twin: TwinModel,
         settings: GateSettings,
-        witness: Witness = lambda _: None,
+        audit_sink: AuditSink = lambda _: None,
         session: str | None = None,
         latch: Latch | None = None,
     ) -> None:
@@ -64,22 +64,22 @@ class Gate:
         self.session = session or secrets.token_hex(8)
         self.limits = limits_of(twin.hand, settings)
         self._hand = twin.hand
-        self.witness = witness
+        self.audit_sink = audit_sink
         self._dt_s = 1.0 / settings.rate_hz
         self._asking, self._lock = threading.Lock(), threading.RLock()
         self._latch = latch
-        self._may = Authority(settings, latch)
+        self._authority = Authority(settings, latch)
         self._last_turn_s: float | None = None
         self.clock: Callable[[], float] = lambda: -np.inf  # planning is not the commander's silence
-        self.outlet = ""
+        self.own_source = ""
         self.names_source: Callable[[str], str] = repr
         self._stream = told.Stream()
         self._feedback = Feedback(twin, self.limits, settings)
-        self._trips = Trips(twin.hand, settings)
+        self._monitor = MotionMonitor(twin.hand, settings)
         hand_model = self.hand_model(twin)
         self._planner = hand_model.planner
-        self._drive = Drive(self.limits, settings, self._feedback, self._trips, hand_model, self._end)
-        self._out = Outlet(self.limits.names)
+        self._drive = Drive(self.limits, settings, self._feedback, self._monitor, hand_model, self._end)
+        self._out = CommandOutput(self.limits.names)
         self.movement = Movement(twin.joints)
 
     def hand_model(self, twin: TwinModel) -> HandModel:
@@ -103,9 +103,9 @@ class Gate:
         self, stamp_ns: int, names: tuple[str, ...], position: np.ndarray, now_s: float, source: str | None = None
     ) -> None:
         """A command on its way to the hand. One that is not the gate's own ends what the gate does: it has another
-        content than what was sent, or comes from another `source` than the `outlet` (None: it may be an echo). One that
+        content than what was sent, or comes from another `source` than `own_source` (None: it may be an echo). One that
         cannot be read is somebody else's, too: what the hand makes of it nobody knows."""
-        elsewhere = source is not None and bool(self.outlet) and source != self.outlet
+        elsewhere = source is not None and bool(self.own_source) and source != self.own_source
         if not elsewhere and self._out.is_own(stamp_ns, names, position, now_s):
             return
         with self._lock:
@@ -113,9 +113,11 @@ class Gate:
                 row = commands_of(self._hand, dict(zip(names, position.tolist(), strict=True)))
                 self._feedback.told(row_of(self.limits, row))
             self._out.is_last = False
-            if self._may.is_armed and now_s > self._out.first_s + _GRACE_S > 0.0:
+            if self._authority.is_armed and now_s > self._out.first_s + _GRACE_S > 0.0:
                 by = f": {self.names_source(source)}" if source else ""
-                self._end(Trip("foreign", f"somebody else sends commands to this hand, past the gate{by}"), now_s)
+                self._end(
+                    ProtectiveStop("foreign", f"somebody else sends commands to this hand, past the gate{by}"), now_s
+                )
 
     # -- requests ------------------------------------------------------------------------------------------
 
@@ -126,9 +128,9 @@ class Gate:
             asked = Asked.of(verb, request, who, wall_ns, self.settings)
             dry = isinstance(request, (Move, Follow)) and request.dry_run
             with self._lock:
-                situation, generation = self._situation(asked, now_s), self._may.generation
+                situation, generation = self._situation(asked, now_s), self._authority.generation
                 measured, planner = self._feedback.pose, self._planner
-                refusal = self._may.identified(asked, situation, dry)
+                refusal = self._authority.identified(asked, situation, dry)
             if refusal is None and not dry:
                 refusal = first_refusal(ALLOWED[verb], asked, situation)
             if refusal is None and verb in MOTION:
@@ -147,13 +149,15 @@ class Gate:
         if verb != "stop":
             return answer
         # not under the lock: the setpoints come to rest meanwhile, however slow the disk is
-        kept = kept_on_disk(self._latch, answer["gate"]["ended"], lambda: self._may.mode == "stopped")
+        kept = kept_on_disk(self._latch, answer["gate"]["ended"], lambda: self._authority.mode == "stopped")
         return answer | {"latched": True, "was_driving": was_driving} | kept
 
     def _decide(self, asked: Asked, refusal: Refusal | None, generation: int, now_s: float) -> dict[str, Any]:
         with self._lock:
-            if refusal is None and generation != self._may.generation and asked.verb != "stop":
-                refusal = Refusal("changed", f"meanwhile the gate has changed: {self._may.ended or self._may.mode}")
+            if refusal is None and generation != self._authority.generation and asked.verb != "stop":
+                refusal = Refusal(
+                    "changed", f"meanwhile the gate has changed: {self._authority.ended or self._authority.mode}"
+                )
             if refusal is None and asked.motion is not None:
                 refusal = first_refusal(BEGUN, asked, self._situation(asked, now_s))
             try:
@@ -164,33 +168,33 @@ class Gate:
                         "record", f"the audit log cannot be written: {error.strerror}", "a disk with room"
                     )
             if refusal is None and asked.verb == "release":
-                refusal = self._may.unlatch()
+                refusal = self._authority.unlatch()
             if refusal is None:
                 self._do(asked, now_s)
             answer = self._answer(asked, refusal, now_s)
-            if refusal is None and asked.verb == "arm" and self._may.lease is not None:
-                answer["lease"] = self._may.lease.token  # for whoever has armed, and told to nobody else
+            if refusal is None and asked.verb == "arm" and self._authority.lease is not None:
+                answer["lease"] = self._authority.lease.token  # for whoever has armed, and told to nobody else
             return answer
 
     def _do(self, asked: Asked, now_s: float) -> None:
-        held = self._may.held_by(asked)
+        held = self._authority.held_by(asked)
         if held is not None:  # whoever does not hold the lease does not keep it alive
             held.beat(now_s)
         if asked.verb == "arm" and asked.who is not None:
-            self._may.arm(asked, asked.who.name, now_s)
+            self._authority.arm(asked, asked.who.name, now_s)
             self._out.armed()
             self._drive.armed()
             if self._drive.shaper.still:  # else the turns go on, and with them the time between two
                 self._last_turn_s = now_s
         elif asked.verb == "disarm":
-            self._end(Trip("disarmed", "disarmed by its commander"), now_s, tell=False)
+            self._end(ProtectiveStop("disarmed", "disarmed by its commander"), now_s, tell=False)
         elif asked.verb == "stop":
             name = asked.who.name if asked.who is not None else "somebody"
             why = f"stopped by {name}" + (f": {asked.reason}" if asked.reason else "")
-            self._end(Trip("stopped", why), now_s, tell=False)
-            self._may.stop()
+            self._end(ProtectiveStop("stopped", why), now_s, tell=False)
+            self._authority.stop()
         elif asked.verb == "release":
-            self._may.release()
+            self._authority.release()
         elif asked.motion is not None:
             self._drive.begin(asked.motion)
 
@@ -199,7 +203,7 @@ class Gate:
     @property
     def active(self) -> bool:
         """Whether turns are needed: the gate is armed, or something still comes to rest or lets go."""
-        return self._may.is_armed or self._drive.is_active
+        return self._authority.is_armed or self._drive.is_active
 
     @property
     def driving(self) -> bool:
@@ -215,46 +219,46 @@ class Gate:
                 return None
             since_s = self._dt_s if self._last_turn_s is None else now_s - self._last_turn_s
             self._last_turn_s = now_s
-            if self._may.is_armed:
-                trip = self._trips.look(self._seen_turn(now_s, since_s))
-                if trip is not None:
-                    self._end(trip, now_s)
+            if self._authority.is_armed:
+                stop = self._monitor.check(self._seen_turn(now_s, since_s))
+                if stop is not None:
+                    self._end(stop, now_s)
             dt_s = min(max(since_s, 0.0), self._dt_s)
             if dt_s > 0.0:
                 word = self._drive.advance(dt_s, now_s)
                 if word == DONE:
-                    self._may.ended = word
-                elif word is not None and self._may.ended:
-                    self._may.ended += f"; {word}"
+                    self._authority.ended = word
+                elif word is not None and self._authority.ended:
+                    self._authority.ended += f"; {word}"
                 self._drive.expect(since_s, now_s)
             sent = self._out.send(self._drive.shaper, now_s, wall_ns)
             if sent is not None:
                 self._feedback.told(self._out.row)
             return sent
 
-    def _end(self, trip: Trip, now_s: float, tell: bool = True) -> None:
+    def _end(self, stop: ProtectiveStop, now_s: float, tell: bool = True) -> None:
         """The lease and the motion end; the turns that follow bring the setpoints to rest."""
-        who = self._may.end(trip.why)
+        who = self._authority.end(stop.why)
         self._drive.end()
-        presses = trip.kind in PRESSES and self.settings.after_trip == "let_go"
+        presses = stop.kind in PRESSES and self.settings.after_trip == "let_go"
         if presses and self._drive.let_go(self._out.row, self._out.is_last, now_s):
             self._last_turn_s = None  # a first turn is as long as any
         if tell:
             # the hand comes to rest whether this can be written or not
             with contextlib.suppress(OSError):
-                self.witness({"verb": "trip", "who": who, "accepted": True, "check": trip.kind, "why": trip.why})
+                self.audit_sink({"verb": "trip", "who": who, "accepted": True, "check": stop.kind, "why": stop.why})
 
     def doubt(self, kind: str, why: str, now_s: float) -> None:
         """What is told of the hand may not be the hand's: the lease ends, and nobody arms in the next seconds."""
         with self._lock:
-            self._may.doubt(why, now_s)
+            self._authority.doubt(why, now_s)
             self.end(kind, why, now_s)
 
     def end(self, kind: str, why: str, now_s: float) -> None:
         """Ends the lease for a reason of the gate's keeper, and brings what moves to rest."""
         with self._lock:
-            if self._may.is_armed:
-                self._end(Trip(kind, why), now_s)
+            if self._authority.is_armed:
+                self._end(ProtectiveStop(kind, why), now_s)
 
     def fault(self, why: str, now_s: float) -> None:
         """The gate itself has failed: nothing more is sent, and the hand stays at its last target."""
@@ -267,9 +271,9 @@ class Gate:
     def status(self, now_s: float) -> dict[str, Any]:
         """Mode, commander, lease and motion as a plain object."""
         with self._lock:
-            motion, lease = self._drive.motion, self._may.lease
+            motion, lease = self._drive.motion, self._authority.lease
             return {
-                "mode": self._may.mode,
+                "mode": self._authority.mode,
                 "session": self.session,
                 "commander": None if lease is None else lease.name,
                 "reason": None if lease is None else lease.reason,
@@ -278,23 +282,23 @@ class Gate:
                 "moving": self.driving,
                 "elapsed_s": None if motion is None else motion.elapsed_s,
                 "duration_s": None if motion is None else motion.duration_s,
-                "ended": self._may.ended or None,
+                "ended": self._authority.ended or None,
                 "heartbeat_s": self.settings.heartbeat_s,
                 "commands_sent": self._out.number,
                 "certified": False,
             }
 
     def _situation(self, asked: Asked, now_s: float) -> Situation:
-        letting_go, lease = self._drive.letting_go, self._may.lease
+        letting_go, lease = self._drive.letting_go, self._authority.lease
         start = self._drive.start()
         return Situation(
-            mode=self._may.mode,
+            mode=self._authority.mode,
             commander=None if lease is None else lease.name,
-            held=self._may.held_by(asked) is not None,
-            lease_left_s=self._may.lease_left_s(now_s),
-            stopped_because=self._may.ended or None,
+            held=self._authority.held_by(asked) is not None,
+            lease_left_s=self._authority.lease_left_s(now_s),
+            stopped_because=self._authority.ended or None,
             session=self.session,
-            last_sequence=self._may.last_sequence(asked),
+            last_sequence=self._authority.last_sequence(asked),
             limits=self.limits,
             settings=self.settings,
             setpoint=start,
@@ -303,7 +307,7 @@ class Gate:
             doubts=self._feedback.doubts(now_s),
             age_s=self._feedback.ages_s(now_s),
             letting_go=letting_go is not None and letting_go.is_needed,
-            doubt=self._may.doubted(now_s),
+            doubt=self._authority.doubted(now_s),
         )
 
     def start(self) -> np.ndarray:
@@ -320,9 +324,9 @@ class Gate:
         return Turn(
             now_s=now_s,
             since_last_turn_s=since_s,
-            lease_left_s=self._may.lease_left_s(now_s),
-            commander_silent_s=0.0 if self._drive.motion is None else self._may.silent_s(now_s),
-            commander_patience_s=self._may.patience_s(),
+            lease_left_s=self._authority.lease_left_s(now_s),
+            commander_silent_s=0.0 if self._drive.motion is None else self._authority.silent_s(now_s),
+            commander_patience_s=self._authority.patience_s(),
             names=self.limits.names,
             setpoint=self._drive.shaper.position,
             measured=self._feedback.by_command(),
@@ -337,13 +341,13 @@ class Gate:
         if self._stream.goes_on(asked, refusal, now_s):
             return
         warnings = self._warnings(asked, refusal) or None
-        again = True if asked.verb == "stop" and self._may.mode == "stopped" else None
-        self.witness(told.entry(asked, refusal) | {"warnings": warnings, "again": again})
+        again = True if asked.verb == "stop" and self._authority.mode == "stopped" else None
+        self.audit_sink(told.entry(asked, refusal) | {"warnings": warnings, "again": again})
 
     def _warnings(self, asked: Asked, refusal: Refusal | None) -> list[str]:
         if asked.verb != "arm" or refusal is not None:
             return []
-        return told.warnings(self._hand, self._trips.effort_limit, self._feedback.effort)
+        return told.warnings(self._hand, self._monitor.effort_limit, self._feedback.effort)
 
     def _answer(self, asked: Asked, refusal: Refusal | None, now_s: float) -> dict[str, Any]:
         warnings = self._warnings(asked, refusal)

@@ -1,4 +1,4 @@
-"""All that a gate knows of its hand by a model: exchanged as a whole, when another version of the twin is taken up."""
+"""All that a gate knows of its hand by a model: replaced as a whole, when another version of the twin is taken up."""
 
 from __future__ import annotations
 

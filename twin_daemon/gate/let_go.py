@@ -1,4 +1,4 @@
-"""After a stop or a trip the setpoints go back to where the hand is, so that it presses against nothing."""
+"""After a stop of any kind the setpoints go back to where the hand is, so that it presses against nothing."""
 
 from __future__ import annotations
 

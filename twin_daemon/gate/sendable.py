@@ -1,4 +1,4 @@
-"""A command that has passed the gate. Nothing else can be sent to a hand: outlets take this type alone."""
+"""A command that has passed the gate. Nothing else can be sent to a hand: publishers take this type alone."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ class TrackingLimit(BaseModel):
 
 
 class GateSettings(BaseModel):
-    """Times, limits and trips of the gate."""
+    """Times and limits of the gate, and what ends a motion."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -92,7 +92,7 @@ class GateSettings(BaseModel):
         default=0.5, gt=0.0, description="farthest of the hand from its target, whatever the twin predicts"
     )
     tracking_time_s: float = Field(
-        default=0.1, ge=0.0, le=10.0, description="farther than allowed for longer than this trips the gate"
+        default=0.1, ge=0.0, le=10.0, description="farther than allowed for longer than this ends the motion"
     )
     tracking: dict[str, TrackingLimit] = Field(default_factory=dict, description="by command")
     after_trip: Literal["let_go", "hold"] = Field(

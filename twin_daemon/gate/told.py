@@ -55,7 +55,7 @@ def warnings(hand: Hand, limited: Collection[str], heard: Collection[str]) -> li
         which = "no joint has an" if not limited else f"{len(without)} of {len(driven)} joints have no"
         found.append(f"{which} effort limit (gate.effort_limit): that a finger presses is noticed by its lag only")
     if silent:
-        found.append(f"the hand tells no effort of {', '.join(silent)}: the limit set for it cannot trip")
+        found.append(f"the hand tells no effort of {', '.join(silent)}: the limit set for it can end no motion")
     return found
 
 

@@ -57,7 +57,7 @@ class Tracking:
         self._past.append(now_s, setpoint, np.abs(setpoint - expected))
 
     def look(self, measured: np.ndarray, arrival_s: np.ndarray) -> tuple[str, str] | None:
-        """The command that has been off for too long, if one has, and what a trip says of it."""
+        """The command that has been off for too long, if one has, and what a protective stop says of it."""
         if not len(self._past):
             return None
         setpoint, lag = self._past.at(float(arrival_s.max()))

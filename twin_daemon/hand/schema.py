@@ -54,7 +54,7 @@ class JointInfo(_Strict):
     range_tolerance_rad: NotNegative = 0.2
     """How far beyond its range a sound joint may read: sensors and end stops give a little."""
     hold_margin_rad: NotNegative = 0.01
-    """How far the target stays ahead of the measured angle after a stop or a trip: what holds the link up."""
+    """How far the target stays ahead of the measured angle after a stop of any kind: what holds the link up."""
 
     @property
     def range(self) -> tuple[float, float]:

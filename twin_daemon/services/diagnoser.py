@@ -22,8 +22,8 @@ class Diagnoser:
     becomes an event.
     """
 
-    def __init__(self, keeper: RingSaver, service: TwinService, arguments: Sequence[str]) -> None:
-        self._keeper, self._service = keeper, service
+    def __init__(self, saver: RingSaver, service: TwinService, arguments: Sequence[str]) -> None:
+        self._saver, self._service = saver, service
         self._arguments = list(arguments)
         self._child: Child | None = None
         self._recording: str | None = None
@@ -35,7 +35,7 @@ class Diagnoser:
         with self._lock:
             if self._child is not None:
                 return self._answer(accepted=False, reason="a diagnosis is running; ask for `diagnosis`")
-            kept = self._keeper.keep()
+            kept = self._saver.save()
             if not kept["kept"]:
                 return self._answer(accepted=False, reason=kept["why"])
             recording = Path(kept["path"])

@@ -53,14 +53,14 @@ class Recalibrator:
     def __init__(
         self,
         settings: RecalibrationSettings,
-        keeper: RingSaver,
+        saver: RingSaver,
         service: TwinService,
         store: VersionStore,
         folder: Path,
         arguments: Sequence[str],
     ) -> None:
         self._settings = settings
-        self._keeper, self._service, self._store = keeper, service, store
+        self._saver, self._service, self._store = saver, service, store
         self._folder = folder
         self._arguments = list(arguments)
         self.schedule = Schedule(settings, folder / "recalibration.json", datetime.now(UTC))
@@ -137,7 +137,7 @@ class Recalibrator:
         self._look_for_rest(now_s)
         self._looked_s = now_s
         if now_s - self._kept_s > _KEEP_S:
-            self.schedule.keep()
+            self.schedule.save()
             self._kept_s = now_s
         for event in self._service.recent_events()["events"][-20:]:
             if event["kind"] == "drift" and event["stamp_ns"] > self._said:
@@ -173,7 +173,7 @@ class Recalibrator:
         """Ends a run; the schedule is kept."""
         self._stop.set()
         self._thread.join()
-        self.schedule.keep()
+        self.schedule.save()
         child, self._child = self._child, None
         if child is not None:
             child.end()
@@ -276,7 +276,7 @@ class Recalibrator:
             if drive:
                 return self._announce(why, now)
             # what the hand did before it drifted is another hand's motion
-            kept = self._keeper.keep(self.schedule.drifting_since_ns)
+            kept = self._saver.save(self.schedule.drifting_since_ns)
             if not kept["kept"]:
                 return str(kept["why"])
             self._start(Unfinished(why, list(self.schedule.drifting), str(kept["path"])))

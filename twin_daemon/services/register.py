@@ -72,7 +72,7 @@ def _sentence(entry: dict[str, Any]) -> str:
     who, verb = entry["who"] or "somebody unknown", entry["verb"]
     if verb == "stopped":
         return str(entry["why"])
-    if verb == "trip":
+    if verb == "trip":  # a protective stop
         return f"the motion of {who} has ended: {entry['why']}"
     said = f"{who}: {verb}"
     if entry.get("reason"):

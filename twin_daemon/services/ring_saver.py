@@ -54,7 +54,7 @@ class RingSaver:
         if self._writing.acquire(timeout=_CLOSE_S):
             self._writing.release()
 
-    def keep(self, since_ns: int | None = None) -> dict[str, Any]:
+    def save(self, since_ns: int | None = None) -> dict[str, Any]:
         """Writes what the ring holds, or what of it the hand did since a stamp, but half a minute at least.
 
         Where it went, or why not; never raises for the disk's sake.

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from twin_daemon.callable_packages import make_callable
 
+from .content_store import Stored
 from .diff import ParameterChange, VersionDiff, diff
-from .shelf import Stored
 from .standing import Worse
 from .store import Note, Proposed, VersionStore
 from .version import NOMINAL, Draft, ParameterRecord, RecordingUsed, Version, promised_rad2, seal

@@ -22,9 +22,9 @@ from pathlib import Path
 from twin_daemon.errors import BadInput
 from twin_daemon.files import make_folder, sync_folder
 from twin_daemon.resources import state_dir
-from twin_daemon.versions.ledger import LOG_FILE, NAMES_FILE
+from twin_daemon.versions.content_store import ID, NAME
 from twin_daemon.versions.locking import locked, machine_errors
-from twin_daemon.versions.shelf import ID, NAME
+from twin_daemon.versions.registry import LOG_FILE, NAMES_FILE
 from twin_daemon.versions.store import HANDS, VersionStore
 from twin_daemon.versions.verify import verify
 
@@ -73,9 +73,9 @@ def back_up(stores: Sequence[VersionStore], path: Path, *, replace: bool = False
     for store in stores:
         found = verify(store)
         problems += found.problems
-        own = {stored.id: stored.folder for stored in store.shelf.own()}
+        own = {stored.id: stored.folder for stored in store.contents.own()}
         hands[store.hand] = tuple(version for version in found.intact if version in own)
-        files = [store.ledger.log_path, store.ledger.names_path]
+        files = [store.registry.log_path, store.registry.names_path]
         files += [file for version in hands[store.hand] for file in sorted(own[version].iterdir())]
         contents |= {f"{HANDS}/{store.hand}/{file.relative_to(store.root)}": file for file in files if file.is_file()}
     if not any(hands.values()):
@@ -114,14 +114,14 @@ def restore(path: Path, hand: str | None = None, *, merge: bool = False, state: 
 def _bring_back(source: VersionStore, target: VersionStore) -> Restored:
     if not _holds(target):
         source.index.drop()
-        versions = tuple(stored.id for stored in source.shelf.own())
+        versions = tuple(stored.id for stored in source.contents.own())
         with target.writing():  # the log first: what it names and is not there yet can be brought back again
-            for file in (source.ledger.log_path, source.ledger.names_path):
+            for file in (source.registry.log_path, source.registry.names_path):
                 if file.is_file():
                     file.rename(target.root / file.name)
             sync_folder(target.root)
-            shutil.rmtree(target.shelf.folders, ignore_errors=True)
-            source.shelf.folders.rename(target.shelf.folders)
+            shutil.rmtree(target.contents.folders, ignore_errors=True)
+            source.contents.folders.rename(target.contents.folders)
             sync_folder(target.root)
         return Restored(target.hand, "restored", versions)
     missing = _missing(source, target)
@@ -134,27 +134,27 @@ def _bring_back(source: VersionStore, target: VersionStore) -> Restored:
             text = f"{decision.text} ({decision.at[:16]})"
             known = {(decision.version, decision.text), (decision.version, text)} & said
             if decision.what == "noted" and decision.version in missing and not known:
-                target.ledger.decide("noted", version=decision.version, text=text)
+                target.registry.decide("noted", version=decision.version, text=text)
     return Restored(target.hand, "merged" if missing else "unchanged", tuple(sorted(missing)))
 
 
 def _take(source: VersionStore, target: VersionStore, version_id: str) -> None:
     """One version from a checked backup, under the target's lock."""
-    contents = source.shelf.read(source.resolve(version_id))
+    contents = source.contents.read(source.resolve(version_id))
     if contents.mjcf is not None:
-        with target.shelf.putting(contents.version, contents.mjcf) as new:
+        with target.contents.putting(contents.version, contents.mjcf) as new:
             if new:
-                target.ledger.decide("stored", version=version_id)
+                target.registry.decide("stored", version=version_id)
         return
-    source.resolve(version_id).folder.rename(target.shelf.folders / version_id)
-    sync_folder(target.shelf.folders)
-    target.ledger.decide("stored", version=version_id)
+    source.resolve(version_id).folder.rename(target.contents.folders / version_id)
+    sync_folder(target.contents.folders)
+    target.registry.decide("stored", version=version_id)
 
 
 def _missing(source: VersionStore, target: VersionStore) -> set[str]:
     """Versions that the target lacks, has damaged, or has as a stub where the source has the model."""
     there, wanted = target.everything(trust=False), source.everything()
-    own = {stored.id for stored in source.shelf.own()}
+    own = {stored.id for stored in source.contents.own()}
     return {
         version
         for version in wanted.versions.keys() & own
@@ -164,16 +164,16 @@ def _missing(source: VersionStore, target: VersionStore) -> set[str]:
 
 def _differs(source: VersionStore, target: VersionStore) -> bool:
     """Whether bringing back would mix two stores; not so where a restore of the same backup was cut off."""
-    same = _logs(source, target) and source.ledger.log_path.read_bytes() == target.ledger.log_path.read_bytes()
+    same = _logs(source, target) and source.registry.log_path.read_bytes() == target.registry.log_path.read_bytes()
     return bool(_missing(source, target)) and not same
 
 
 def _logs(*stores: VersionStore) -> bool:
-    return all(store.ledger.log_path.is_file() for store in stores)
+    return all(store.registry.log_path.is_file() for store in stores)
 
 
 def _holds(store: VersionStore) -> bool:
-    return bool(store.shelf.own()) or store.ledger.log_path.exists() or store.ledger.names_path.exists()
+    return bool(store.contents.own()) or store.registry.log_path.exists() or store.registry.names_path.exists()
 
 
 def _write_tar(path: Path, contents: dict[str, Path]) -> None:

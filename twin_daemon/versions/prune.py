@@ -8,8 +8,8 @@ from typing import Literal
 
 from twin_daemon.errors import BadInput
 from twin_daemon.versions.folder import MODEL, size_bytes, strip_folder
-from twin_daemon.versions.ledger import Ledger
 from twin_daemon.versions.lineage import ancestors
+from twin_daemon.versions.registry import Registry
 from twin_daemon.versions.store import VersionStore
 from twin_daemon.versions.version import Version
 
@@ -44,13 +44,13 @@ class Choice:
 def plan(store: VersionStore, policy: Policy) -> tuple[Choice, ...]:
     """What `prune` would do, oldest version first. Nothing is changed. Damaged versions are left alone."""
     found = store.everything()
-    own = {stored.id: stored for stored in store.shelf.own()}
+    own = {stored.id: stored for stored in store.contents.own()}
     versions = [version for version in store.in_order(found) if version.id in own]
     whole = _reasons(store, versions, policy)
     above = ancestors(whole, found.versions)
     if policy.ancestors == "whole":
         whole |= dict.fromkeys(above - whole.keys(), "ancestor")
-    promoted = _ever_promoted(store.ledger)
+    promoted = _ever_promoted(store.registry)
     choices = []
     for version in versions:
         folder = own[version.id].folder
@@ -76,12 +76,12 @@ def prune(store: VersionStore, policy: Policy) -> tuple[Choice, ...]:
         stubbed = tuple(choice.version for choice in choices if choice.action == "stub")
         if not removed and not stubbed:
             return choices
-        store.ledger.decide("pruned", removed=removed, stubbed=stubbed)
-        store.shelf.remove(removed)  # first: it needs no room, and the stubs need a little
+        store.registry.decide("pruned", removed=removed, stubbed=stubbed)
+        store.contents.remove(removed)  # first: it needs no room, and the stubs need a little
         if stubbed:
-            with store.shelf.scratch() as hidden:
+            with store.contents.scratch() as hidden:
                 for version in stubbed:
-                    strip_folder(store.shelf.folders / version, hidden)
+                    strip_folder(store.contents.folders / version, hidden)
     store.everything()  # the index forgets what is gone
     return choices
 
@@ -95,7 +95,7 @@ def checked(keep: int, older_than_days: float, kept_ancestors: str) -> Policy:
 
 def _reasons(store: VersionStore, versions: list[Version], policy: Policy) -> dict[str, str]:
     """What stays whole, and why."""
-    names = store.ledger.aliases()
+    names = store.registry.aliases()
     oldest_kept = store.now() - timedelta(days=policy.older_than_days)
     reasons: dict[str, str] = {}
     for version in versions:
@@ -109,9 +109,9 @@ def _reasons(store: VersionStore, versions: list[Version], policy: Policy) -> di
     return reasons
 
 
-def _ever_promoted(ledger: Ledger) -> set[str]:
+def _ever_promoted(registry: Registry) -> set[str]:
     found: set[str] = set()
-    for decision in ledger.decisions().decisions:
+    for decision in registry.decisions().decisions:
         if decision.what in ("promoted", "rolled_back") and decision.version:
             found.add(decision.version)
         found |= set(decision.promoted)

@@ -18,11 +18,11 @@ from twin_daemon.errors import BadInput, nearest
 from twin_daemon.files import write_atomically
 from twin_daemon.resources import models_dir, state_dir
 from twin_daemon.versions.aliases import CANDIDATE, CURRENT, PREVIOUS
+from twin_daemon.versions.content_store import ID, NAME, ContentStore, Stored, Survey
 from twin_daemon.versions.decisions import DecisionLog
 from twin_daemon.versions.index import Index
-from twin_daemon.versions.ledger import Ledger, order
 from twin_daemon.versions.locking import locked, machine_errors
-from twin_daemon.versions.shelf import ID, NAME, Shelf, Stored, Survey
+from twin_daemon.versions.registry import Registry, order
 from twin_daemon.versions.standing import Worse, known_errors, worse_than
 from twin_daemon.versions.version import NOMINAL, Draft, Version, nominal, seal
 
@@ -72,8 +72,8 @@ class VersionStore:
         self.now = now
         self._described = described
         self.index = Index(self.root)
-        self.ledger = Ledger(self.root, now, self.index)
-        self.shelf = Shelf(
+        self.registry = Registry(self.root, now, self.index)
+        self.contents = ContentStore(
             hand,
             self.root / "versions",
             shipped if shipped is not None else models_dir() / hand / "versions",
@@ -102,11 +102,11 @@ class VersionStore:
         version = seal(draft, mjcf, self.now())
         if alias is not None:
             _must_be_free(alias)
-        with self.writing(), self.shelf.putting(version, mjcf) as new:
+        with self.writing(), self.contents.putting(version, mjcf) as new:
             if new:
-                self.ledger.decide("stored", version=version.id, name=alias)
+                self.registry.decide("stored", version=version.id, name=alias)
             elif alias is not None and self.aliases().get(alias) != version.id:
-                self.ledger.decide("named", version=version.id, name=alias)
+                self.registry.decide("named", version=version.id, name=alias)
         return self.get(version.id)
 
     def set_alias(self, alias: str, reference: str) -> Version:
@@ -117,7 +117,7 @@ class VersionStore:
         with self.writing():
             version = self._usable(reference)
             if self.aliases().get(alias) != version.id:
-                self.ledger.decide("named", version=version.id, name=alias)
+                self.registry.decide("named", version=version.id, name=alias)
         return version
 
     def remove_alias(self, alias: str) -> str:
@@ -127,7 +127,7 @@ class VersionStore:
             version_id = self.aliases().get(alias)
             if version_id is None:
                 raise BadInput(f"no version of {self.hand} is called '{alias}'", todo="See 'twin versions list'")
-            self.ledger.decide("unnamed", version=version_id, name=alias)
+            self.registry.decide("unnamed", version=version_id, name=alias)
         return version_id
 
     def propose(self, draft: Draft, mjcf: str) -> Proposed:
@@ -155,7 +155,7 @@ class VersionStore:
             if version.id != names.get(CURRENT) or version.id == names.get(CANDIDATE):
                 said = (reason or "").strip() or None
                 forced = f"promoted although worse ({worse.words}): {said}" if worse is not None and force else said
-                self.ledger.decide("promoted", version=version.id, text=forced)
+                self.registry.decide("promoted", version=version.id, text=forced)
         return version
 
     def worse_than_current(self, version: Version) -> Worse | None:
@@ -168,7 +168,7 @@ class VersionStore:
         """Decide against the candidate. The version stays; only the name goes."""
         with self.writing():
             version = self.get(CANDIDATE)
-            self.ledger.decide("rejected", version=version.id)
+            self.registry.decide("rejected", version=version.id)
         return version
 
     def rollback(self, expected: str | None = None) -> Version:
@@ -186,7 +186,7 @@ class VersionStore:
             if PREVIOUS not in names:
                 return self.get(NOMINAL)
             version = self._usable(names[PREVIOUS])
-            self.ledger.decide("rolled_back", version=version.id)
+            self.registry.decide("rolled_back", version=version.id)
         return version
 
     def note(self, reference: str, text: str) -> Version:
@@ -195,7 +195,7 @@ class VersionStore:
             raise BadInput("a note needs words")
         with self.writing():
             version = self.get(reference)
-            self.ledger.decide("noted", version=version.id, text=text.strip())
+            self.registry.decide("noted", version=version.id, text=text.strip())
         return version
 
     # -- reading
@@ -203,14 +203,14 @@ class VersionStore:
     def get(self, reference: str) -> Version:
         """The version that an id, the start of one, an alias or a shipped name stands for, verified."""
         stored = self.resolve(reference)
-        return nominal(self.hand) if stored.id == NOMINAL else self.shelf.read(stored).version
+        return nominal(self.hand) if stored.id == NOMINAL else self.contents.read(stored).version
 
     def model(self, reference: str) -> str:
         """The MJCF text of a version, verified. Raises BadInput for a stub."""
         stored = self.resolve(reference)
         if stored.id == NOMINAL:
             return self._nominal_model()
-        contents = self.shelf.read(stored)
+        contents = self.contents.read(stored)
         if contents.mjcf is None:
             raise BadInput(
                 f"the model of {contents.version.short_id} was pruned; its numbers are still here",
@@ -225,7 +225,7 @@ class VersionStore:
 
     def last_promoted(self) -> Version | None:
         """The version in use, where somebody decided that it is; None before the first promotion."""
-        return self.current() if self.ledger.aliases().promoted else None
+        return self.current() if self.registry.aliases().promoted else None
 
     def list(self) -> list[Version]:
         """Every version that can be read, the nominal one first, then the oldest."""
@@ -241,7 +241,7 @@ class VersionStore:
 
     def everything(self, *, trust: bool = True) -> Survey:
         """What `survey` says, with what is a stub. Without `trust` every file is read."""
-        found = self.shelf.survey(trust=trust)
+        found = self.contents.survey(trust=trust)
         return replace(found, versions={NOMINAL: nominal(self.hand), **found.versions})
 
     def in_order(self, found: Survey) -> list[Version]:
@@ -252,11 +252,11 @@ class VersionStore:
 
     def decisions(self) -> DecisionLog:
         """Everything that was done to the versions of this hand, in order."""
-        return self.ledger.decisions()
+        return self.registry.decisions()
 
     def aliases(self) -> dict[str, str]:
         """Names that move and the ids that they point at."""
-        return self.ledger.aliases().as_dict()
+        return self.registry.aliases().as_dict()
 
     def names(self, version_id: str) -> list[str]:
         """Aliases and shipped names of a version."""
@@ -265,7 +265,7 @@ class VersionStore:
     def all_names(self) -> dict[str, list[str]]:
         """Aliases and shipped names by the id that they stand for."""
         pairs = [(NOMINAL, NOMINAL), *((target, alias) for alias, target in self.aliases().items())]
-        pairs += [(s.id, s.name) for s in self.shelf.everything() if s.name]
+        pairs += [(s.id, s.name) for s in self.contents.everything() if s.name]
         found: dict[str, list[str]] = {}
         for version_id, name in pairs:
             found.setdefault(version_id, []).append(name)
@@ -285,7 +285,7 @@ class VersionStore:
 
     def all_shipped(self) -> set[str]:
         """The versions that nobody made here: those that came with the package, and the nominal one."""
-        return {NOMINAL, *(stored.id for stored in self.shelf.everything() if stored.shipped)}
+        return {NOMINAL, *(stored.id for stored in self.contents.everything() if stored.shipped)}
 
     def resolve(self, reference: str) -> Stored:
         """Where the version is that a reference stands for. Raises BadInput when there is none, or more than one."""
@@ -298,7 +298,7 @@ class VersionStore:
                 todo = "Every stored one was decided about. 'twin calibrate' makes one; 'twin versions list' shows all"
             raise BadInput(f"no version of {self.hand} is {reference} now", todo=todo)
         wanted = aliases.get(reference, reference)
-        everything = self.shelf.everything()
+        everything = self.contents.everything()
         found = {s.id: s for s in reversed(everything) if wanted in (s.id, s.name)}
         if not found and len(wanted) >= SHORTEST_PREFIX:
             found = {s.id: s for s in reversed(everything) if s.id.startswith(wanted)}
@@ -335,13 +335,13 @@ class VersionStore:
     def writing(self, *, thorough: bool = False) -> Iterator[None]:
         """Alone among writers; what dead writers left behind is finished or gone."""
         with locked(self.root), machine_errors(self.root):
-            unfinished = self.shelf.sweep()
-            self.ledger.settle(self._own_by_age, thorough=thorough or unfinished)
+            unfinished = self.contents.sweep()
+            self.registry.settle(self._own_by_age, thorough=thorough or unfinished)
             yield
 
     def _own_by_age(self) -> list[str]:
-        own = {stored.id for stored in self.shelf.own()}
-        versions = (version for key, version in self.shelf.survey().versions.items() if key in own)
+        own = {stored.id for stored in self.contents.own()}
+        versions = (version for key, version in self.contents.survey().versions.items() if key in own)
         made = {version.id: version.created or "" for version in versions}
         return sorted(made, key=lambda version_id: (made[version_id], version_id))
 

@@ -8,10 +8,10 @@ from itertools import pairwise
 
 from twin_daemon.errors import BadInput
 from twin_daemon.versions.aliases import DamagedNames, read_aliases
+from twin_daemon.versions.content_store import Survey
 from twin_daemon.versions.decisions import Decision
-from twin_daemon.versions.ledger import remembered, replay
 from twin_daemon.versions.lineage import gone
-from twin_daemon.versions.shelf import Survey
+from twin_daemon.versions.registry import remembered, replay
 from twin_daemon.versions.store import VersionStore
 from twin_daemon.versions.version import NOMINAL
 
@@ -70,18 +70,18 @@ def _mend(store: VersionStore) -> tuple[str, ...]:
     said = []
     decided = store.decisions()
     if decided.problems:
-        store.ledger.rewrite()
-        said.append(f"{len(decided.problems)} damaged places left out of {store.ledger.log_path.name}")
-    here = {stored.id for stored in store.shelf.own()}
+        store.registry.rewrite()
+        said.append(f"{len(decided.problems)} damaged places left out of {store.registry.log_path.name}")
+    here = {stored.id for stored in store.contents.own()}
     lost = sorted(remembered(store.decisions().decisions) - here)
     if lost:
-        store.ledger.decide("lost", removed=tuple(lost))
+        store.registry.decide("lost", removed=tuple(lost))
         said.append(f"taken as lost: {', '.join(version[:12] for version in lost)}")
     return tuple(said)
 
 
 def _lost(store: VersionStore, found: Survey, decisions: tuple[Decision, ...]) -> list[str]:
-    there = {stored.id for stored in store.shelf.own()} | found.versions.keys()
+    there = {stored.id for stored in store.contents.own()} | found.versions.keys()
     return [
         f"version {version[:12]} was stored and is gone. Restore a backup, or accept it with 'twin versions verify "
         "--rebuild'."
@@ -90,7 +90,7 @@ def _lost(store: VersionStore, found: Survey, decisions: tuple[Decision, ...]) -
 
 
 def _orphans(store: VersionStore, found: Survey, decisions: tuple[Decision, ...]) -> list[str]:
-    excused = gone(decisions).keys() | {stored.id for stored in store.shelf.own()}  # a damaged one is told as such
+    excused = gone(decisions).keys() | {stored.id for stored in store.contents.own()}  # a damaged one is told as such
     return [
         f"version {version.short_id} was made from {version.parent[:12]}, which is not here and was not pruned. "
         "Restore a backup that has it."
@@ -101,8 +101,8 @@ def _orphans(store: VersionStore, found: Survey, decisions: tuple[Decision, ...]
 
 def _names(store: VersionStore, found: Survey, decisions: tuple[Decision, ...]) -> list[str]:
     try:
-        stored = read_aliases(store.ledger.names_path)
-        names = store.ledger.aliases()
+        stored = read_aliases(store.registry.names_path)
+        names = store.registry.aliases()
     except BadInput as error:
         return [error.line()]
     problems = []
@@ -119,7 +119,7 @@ def _names(store: VersionStore, found: Survey, decisions: tuple[Decision, ...]) 
         )
         if whole_log:
             problems.append(
-                f"{store.ledger.names_path}: the names are not what was decided. Delete this file: they are worked "
+                f"{store.registry.names_path}: the names are not what was decided. Delete this file: they are worked "
                 "out again from the log."
             )
     return problems
@@ -127,7 +127,7 @@ def _names(store: VersionStore, found: Survey, decisions: tuple[Decision, ...]) 
 
 def _index(store: VersionStore, found: Survey, rebuild: bool) -> str:
     """The state of the cache; made anew where it does not agree with the files that were just read."""
-    own = {stored.id for stored in store.shelf.own() if stored.id in found.versions}
+    own = {stored.id for stored in store.contents.own() if stored.id in found.versions}
     rows = store.index.rows()
     agrees = rows.keys() == own and store.index.sound() and not rebuild
     if agrees:

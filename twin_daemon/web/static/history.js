@@ -1,10 +1,10 @@
 // The history view: the tree of versions, what differs, parameters over time, promote and roll back.
 import { known, named } from "./choices.js";
 import { show as figure } from "./figures.js";
-import { attempt, element, made, needsAllowance, number, post, read, row, say, works } from "./page.js";
+import { attempt, element, made, needsAuthorization, number, post, read, row, say, works } from "./page.js";
 
 export function start() {
-  needsAllowance(element("rollback"));
+  needsAuthorization(element("rollback"));
   works(element("rollback"), async () => {
     const answer = await post("/api/versions/rollback");
     say(`Version ${answer.current.slice(0, 12)} (${answer.title}) is in use again.`, "note");
@@ -22,7 +22,7 @@ export const show = () => { dispatchEvent(new Event("versions")); };
 
 export function promoting(id, text = "Promote") {
   const button = made("button", { type: "button" }, text);
-  needsAllowance(button);
+  needsAuthorization(button);
   works(button, async () => {
     const worse = known.versions.find((one) => one.id === id)?.worse;
     const reason = worse && prompt(`It is worse than the version in use: ${worse}.\nPromote it all the same? Then say why:`);

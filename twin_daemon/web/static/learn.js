@@ -1,7 +1,7 @@
 // The learn view: starts a diagnosis, an addition or a ladder, follows it, and shows what came of it.
 import { show as figure } from "./figures.js";
 import { exporting, promoting } from "./history.js";
-import { element, made, milli, needsAllowance, number, post, read, row, say, works } from "./page.js";
+import { element, made, milli, needsAuthorization, number, post, read, row, say, works } from "./page.js";
 
 const AGAIN_MS = 400, IDLE_MS = 3000, KINDS = ["diagnose", "add", "ladder"];
 const NAMES = { diagnose: "The diagnosis", add: "The addition", ladder: "The ladder" };
@@ -9,7 +9,7 @@ const seen = { diagnose: null, add: null, ladder: null }; // number and status o
 let effects = [], pictured = "", said = { key: "", count: 0 };
 
 export function start() {
-  needsAllowance(element("diagnose"), element("ladder"), element("add"), element("stop-job"));
+  needsAuthorization(element("diagnose"), element("ladder"), element("add"), element("stop-job"));
   works(element("diagnose"), () => begin("diagnose", { joints: element("learn-joints").value.split(/[\s,]+/).filter(Boolean) }));
   works(element("ladder"), () => begin("ladder", {}));
   works(element("add"), () => begin("add", { effect: element("effect").value, joint: element("place").value }));
@@ -100,7 +100,7 @@ const ended = {
     element("diagnosis").replaceChildren(...new DOMParser().parseFromString(result.html, "text/html").body.childNodes);
     element("findings").replaceChildren(...result.findings.map((one) => {
       const button = made("button", { type: "button" }, `Add ${one.effect} at ${one.target}`);
-      needsAllowance(button);
+      needsAuthorization(button);
       works(button, async () => {
         element("effect").value = one.effect;
         element("place").value = one.target;

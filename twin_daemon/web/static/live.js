@@ -1,5 +1,5 @@
 // The live view: what comes twenty times a second, and what is known of the daemon.
-import { element, facts, made, milli, needsAllowance, number, post, row, say, works } from "./page.js";
+import { element, facts, made, milli, needsAuthorization, number, post, row, say, works } from "./page.js";
 import * as fleet from "./hands.js";
 import * as space from "./space.js";
 import { draw } from "./strip.js";
@@ -24,7 +24,7 @@ export function start() {
     if (event.key === "h") hold();
     if (event.key === "s" && facts.bones.length && !element("view-live").hidden) inSpace();
   });
-  needsAllowance(element("keep"));
+  needsAuthorization(element("keep"));
   works(element("keep"), async () => {
     const answer = await post("/api/keep", { hand: facts.namespace });
     say(answer.kept ? `Kept ${answer.seconds.toFixed(0)} s as ${answer.path} on the daemon's machine. If that is this one, it is in the list under Compare.`
@@ -39,7 +39,7 @@ export function start() {
     const answer = await post("/api/cancel", { hand: facts.namespace, reason: "the page of the workbench" });
     say(`${answer.why}.`, "note");
   });
-  needsAllowance(element("release"));
+  needsAuthorization(element("release"));
   works(element("release"), async () => {
     const [reason, name, key] = ["reason", "name", "key"].map((part) => element(`release-${part}`).value);
     element("release-key").value = ""; // it is for one request, and kept nowhere

@@ -1,4 +1,4 @@
-// Starts the page: the allowance out of its address, the views and their keys.
+// Starts the page: the authorization out of its address, the views and their keys.
 import { allowed, element, facts } from "./page.js";
 import * as choices from "./choices.js";
 import * as compare from "./compare.js";

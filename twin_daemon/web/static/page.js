@@ -76,9 +76,8 @@ export function works(button, action) {
   });
 }
 
-export const needsAllowance = (...buttons) => {
+export const needsAuthorization = (...buttons) => {
   for (const button of buttons) {
-    button.dataset.needs = "allowance";
     if (!allowed()) { button.disabled = true; button.title = "Needs the address with the token"; }
   }
 };

@@ -43,7 +43,7 @@ class Survey:
     problems: tuple[str, ...]
 
 
-class Shelf:
+class ContentStore:
     """The versions of `hand` under `folders` (its own) and `shipped` (read only, each in a folder with a name)."""
 
     def __init__(self, hand: str, folders: Path, shipped: Path, index: Index) -> None:

@@ -27,7 +27,7 @@ from twin_daemon.services.guard import Guard
 _STALE_S = 0.5
 
 
-class RosOutlet:
+class RosCommandPublisher:
     """Publishes what the gate has sent, as the parameter `command_output` says.
 
     What is older than 0.5 s is left out: a bridge that stood still does not make up for it in a burst.

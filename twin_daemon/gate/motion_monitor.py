@@ -1,4 +1,4 @@
-"""What ends a motion that was allowed: each trip looks at every turn, and the setpoints then come to rest.
+"""What ends a motion that was allowed: each condition is looked at in every turn, and the setpoints then come to rest.
 
 Where the hand may press against something they do not only stop: they go back to where the hand is (`let_go.py`).
 """
@@ -17,7 +17,8 @@ from twin_daemon.gate.tracking import Tracking
 from twin_daemon.hand import Hand, match
 
 PRESSES = frozenset({"tracking", "frozen", "wrong_way", "too_far", "effort", "stopped"})
-"""Kinds of trips after which the hand lets go. Not where a reading cannot be: then none is believed."""
+"""Kinds of protective stops (ISO 10218-1; `trip` in the audit log) after which the hand lets go. Not where a reading
+cannot be: then none is believed."""
 
 
 @dataclass(eq=False, slots=True)
@@ -40,16 +41,16 @@ class Turn:
 
 
 @dataclass(frozen=True)
-class Trip:
+class ProtectiveStop:
     """Why a motion was ended. `kind` is for programs."""
 
     kind: str
     why: str
 
 
-class Trips:
-    """The trips; `tracking` and `response` remember where the hand was sent. Raises BadInput for effort limits of no
-    joint."""
+class MotionMonitor:
+    """Looks at every turn; `tracking` and `response` remember where the hand was sent. Raises BadInput for effort
+    limits of no joint."""
 
     def __init__(self, hand: Hand, settings: GateSettings) -> None:
         self._settings = settings
@@ -75,7 +76,7 @@ class Trips:
 
     @property
     def suspects(self) -> bool:
-        """Whether the hand does not do what it should at the moment; a trip may come of it."""
+        """Whether the hand does not do what it should at the moment; a protective stop may come of it."""
         return self.tracking.off or self.response.off
 
     @property
@@ -83,8 +84,8 @@ class Trips:
         """(c,) bool: the commands of which that is so."""
         return self.tracking.which | self.response.which
 
-    def look(self, turn: Turn) -> Trip | None:
-        """The first trip of this turn, if there is one."""
+    def check(self, turn: Turn) -> ProtectiveStop | None:
+        """The first reason for a protective stop in this turn, if there is one."""
         found = (
             self._lease(turn),
             self._standstill(turn),
@@ -95,38 +96,40 @@ class Trips:
             self._response(turn),
             self._tracking(turn),
         )
-        return next((trip for trip in found if trip is not None), None)
+        return next((stop for stop in found if stop is not None), None)
 
-    def _lease(self, turn: Turn) -> Trip | None:
-        return Trip("lease", "the lease has run out") if turn.lease_left_s <= 0.0 else None
+    def _lease(self, turn: Turn) -> ProtectiveStop | None:
+        return ProtectiveStop("lease", "the lease has run out") if turn.lease_left_s <= 0.0 else None
 
-    def _standstill(self, turn: Turn) -> Trip | None:
+    def _standstill(self, turn: Turn) -> ProtectiveStop | None:
         """A process that was stopped and goes on must not go on with what it did."""
         if turn.since_last_turn_s <= self._settings.state_timeout_s:
             return None
-        return Trip("standstill", f"the gate itself stood still for {turn.since_last_turn_s:.2f} s")
+        return ProtectiveStop("standstill", f"the gate itself stood still for {turn.since_last_turn_s:.2f} s")
 
-    def _commander(self, turn: Turn) -> Trip | None:
+    def _commander(self, turn: Turn) -> ProtectiveStop | None:
         if turn.commander_silent_s <= turn.commander_patience_s:
             return None
-        return Trip("commander", f"the commander has been silent for {turn.commander_silent_s:.2f} s")
+        return ProtectiveStop("commander", f"the commander has been silent for {turn.commander_silent_s:.2f} s")
 
-    def _hand(self, turn: Turn) -> Trip | None:
+    def _hand(self, turn: Turn) -> ProtectiveStop | None:
         if not np.count_nonzero(turn.age_s > self._settings.state_timeout_s):
             return None
         age_s = np.where(np.isfinite(turn.setpoint), turn.age_s, 0.0)
         worst = int(np.argmax(age_s))
         if age_s[worst] <= self._settings.state_timeout_s:
             return None
-        return Trip("stale", f"{turn.names[worst]} was last heard {age_s[worst]:.2f} s ago")
+        return ProtectiveStop("stale", f"{turn.names[worst]} was last heard {age_s[worst]:.2f} s ago")
 
-    def _effort(self, turn: Turn) -> Trip | None:
+    def _effort(self, turn: Turn) -> ProtectiveStop | None:
         for joint, most in self.effort_limit.items():
             if abs(turn.effort.get(joint, 0.0)) > most:
-                return Trip("effort", f"the effort of {joint} is {turn.effort[joint]:g}, at most {most:g} is allowed")
+                return ProtectiveStop(
+                    "effort", f"the effort of {joint} is {turn.effort[joint]:g}, at most {most:g} is allowed"
+                )
         return None
 
-    def _implausible(self, turn: Turn) -> Trip | None:
+    def _implausible(self, turn: Turn) -> ProtectiveStop | None:
         """With the cause where the motion has shown it already, and the site's `tracking_time_s` waits for longer."""
         if not turn.doubts:
             return None
@@ -134,16 +137,16 @@ class Trips:
         command = self._command_of.get(doubt.joint)
         cause = None if command is None else self.response.cause(command)
         if cause is None or cause.kind != "wrong_way":
-            return Trip("implausible", doubt.why)
-        return Trip("implausible", f"{cause.why}; {doubt.why}")
+            return ProtectiveStop("implausible", doubt.why)
+        return ProtectiveStop("implausible", f"{cause.why}; {doubt.why}")
 
-    def _response(self, turn: Turn) -> Trip | None:
+    def _response(self, turn: Turn) -> ProtectiveStop | None:
         if turn.letting_go:
             return None
         found = self.response.look(turn.measured, turn.arrival_s)
-        return None if found is None else Trip(found.kind, found.why)
+        return None if found is None else ProtectiveStop(found.kind, found.why)
 
-    def _tracking(self, turn: Turn) -> Trip | None:
+    def _tracking(self, turn: Turn) -> ProtectiveStop | None:
         if turn.letting_go:
             return None
         found = self.tracking.look(turn.measured, turn.arrival_s)
@@ -151,4 +154,4 @@ class Trips:
             return None
         command, why = found
         cause = self.response.cause(command)
-        return Trip("tracking", why) if cause is None else Trip(cause.kind, f"{why}; {cause.why}")
+        return ProtectiveStop("tracking", why) if cause is None else ProtectiveStop(cause.kind, f"{why}; {cause.why}")

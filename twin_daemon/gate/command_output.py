@@ -13,7 +13,7 @@ from twin_daemon.gate.shaper import Shaper
 _RESEND_S = 0.2  # a target that is held is said again: one message may be lost
 
 
-class Outlet:
+class CommandOutput:
     """Makes commands of setpoints, and knows them again."""
 
     def __init__(self, names: tuple[str, ...]) -> None:

@@ -11,7 +11,7 @@ from twin_daemon.gate.sendable import Sendable
 from twin_daemon.hand import HandDescription
 
 
-class Outlet:
+class CommandPublisher:
     """Publishes commands as joint states on the hand's own key, and on the key from which other bridges take them."""
 
     def __init__(self, session: zenoh.Session, description: HandDescription) -> None:

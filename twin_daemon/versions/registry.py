@@ -32,7 +32,7 @@ log = logging.getLogger("twin")
 NAMES_FILE, LOG_FILE = "aliases.json", "log.jsonl"
 
 
-class Ledger:
+class Registry:
     """The names and the decisions in one hand's folder. Whoever writes holds the lock and settles first."""
 
     def __init__(self, root: Path, now: Callable[[], datetime], index: Index) -> None:
