@@ -99,7 +99,10 @@ def test_a_version_of_a_newer_release_is_refused_with_words(store: VersionStore,
 def test_a_store_of_a_newer_release_is_not_written(store: VersionStore, three: list[Version], name: str) -> None:
     store.promote(three[0].id)
     path = store.root / name
-    path.write_text(path.read_text(encoding="utf-8").replace('"schema": 2', '"schema": 3'), encoding="utf-8")
+    content = path.read_text(encoding="utf-8")
+    path.write_text(
+        content.replace('"schema": 3', '"schema": 4').replace('"schema": 2', '"schema": 3'), encoding="utf-8"
+    )
     before = path.read_bytes()
     with pytest.raises(BadInput, match="newer release"):
         store.promote(three[1].id)

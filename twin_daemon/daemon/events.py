@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import json
+import contextlib
 import logging
 from collections import Counter, deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+from twin_daemon.journal import Journal, lines
 
 log = logging.getLogger("twin")
 
@@ -32,7 +34,7 @@ class Event:
 class EventLog:
     """The last events, and those that nobody has taken to the outside yet. Both are bounded.
 
-    With a `journal` they are appended to that file, one JSON object a line, and read back from it at the start; a
+    With a `journal` they are appended to that file and read back from it at the start; a
     full journal becomes `journal.1`. A disk that cannot be written costs the record, never the daemon.
     """
 
@@ -70,17 +72,10 @@ class EventLog:
 
     def _read_back(self, journal: Path) -> None:
         for path in (_older(journal), journal):
-            try:
-                lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-            except OSError:
-                continue
-            for line in lines[-(self._recent.maxlen or 0) :]:
-                try:
-                    event = json.loads(line)
-                except json.JSONDecodeError:  # the last line of a daemon that was killed while it wrote
-                    continue
-                if isinstance(event, dict):
-                    self._recent.append(event)
+            with contextlib.suppress(OSError):
+                for line in deque(lines(path), self._recent.maxlen):
+                    if line.entry is not None:  # such as what a daemon wrote that was killed meanwhile
+                        self._recent.append(line.entry)
 
     def _write(self, event: Event) -> None:
         journal = self._journal
@@ -90,8 +85,8 @@ class EventLog:
             journal.parent.mkdir(parents=True, exist_ok=True)
             if journal.exists() and journal.stat().st_size > _LARGEST_BYTES:
                 journal.replace(_older(journal))
-            with journal.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(event.as_json(), allow_nan=False) + "\n")
+            with Journal(journal) as file:
+                file.append(event.as_json())
         except OSError as error:
             self.counts["not_written"] += 1
             level = logging.WARNING if self.counts["not_written"] == 1 else logging.DEBUG

@@ -1,16 +1,7 @@
-"""Who asked what, when, what was answered and why: one line each, chained by hashes, only ever appended to.
-
-A line is JSON whose `prev` is the SHA-256 of the line before, so that a line which is changed, removed or moved
-breaks the chain there. A writer that is killed leaves whole lines, or one that is torn at the very end; the next line
-then says so. A chain shows that nothing was changed within it; it cannot show that nothing was cut off its end: keep
-the hash of the last line elsewhere for that.
-"""
+"""Who asked what, when, what was answered and why: a journal of numbered entries."""
 
 from __future__ import annotations
 
-import hashlib
-import json
-import os
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,77 +9,35 @@ from pathlib import Path
 from typing import Any
 
 from twin_daemon.errors import BadInput
-from twin_daemon.files import sync_folder
+from twin_daemon.journal import Journal, Line, lines
 
-_START = "0" * 64
-_TAIL_BYTES = 1 << 16
+_NOTHING = "0" * 64  # the hash of the last line where there is none
 
 
 class AuditLog:
-    """Appends to one file. The lines are with the operating system when `write` returns, and on disk after `sync`."""
+    """Appends to one file, from several threads. The entries are on disk after `sync`."""
 
     def __init__(self, path: Path) -> None:
-        self._path = path
         self._lock = threading.Lock()
         path.parent.mkdir(parents=True, exist_ok=True)
-        is_new = not path.exists()
-        self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o600)
-        if is_new:
-            sync_folder(path.parent)
-        self._prev, self._number, self._torn = self._end()
+        self._journal = Journal(path, mode=0o600)
+        self._number = _number_of(self._journal.last, path)
 
     def write(self, stamp_ns: int, entry: dict[str, Any]) -> None:
         """Appends one entry. Raises OSError where it cannot be written; the file then holds none of it, or a torn
         line that the next entry names."""
         with self._lock:
-            number = self._number + 1
-            whole = {"number": number, "stamp_ns": stamp_ns, **entry, "prev": self._prev}
-            if self._torn:
-                whole["torn_before"] = self._torn
-            line = json.dumps(whole, allow_nan=False).encode()
-            data = (b"\n" if self._torn else b"") + line + b"\n"
-            size = os.fstat(self._file).st_size
-            try:
-                written = os.write(self._file, data)
-                if written < len(data):
-                    raise OSError(28, "No space left on device")
-            except OSError:
-                os.ftruncate(self._file, size)
-                raise
-            self._prev, self._number, self._torn = hashlib.sha256(line).hexdigest(), number, 0
+            self._journal.append({"number": self._number + 1, "stamp_ns": stamp_ns, **entry})
+            self._number += 1
 
     def sync(self) -> None:
         """Makes what was written survive a loss of power."""
-        os.fsync(self._file)
+        self._journal.sync()
 
     def close(self) -> None:
         with self._lock:
             self.sync()
-            os.close(self._file)
-
-    def _end(self) -> tuple[str, int, int]:
-        """Hash and number of the last whole line, and the bytes of a torn one behind it."""
-        size = os.fstat(self._file).st_size
-        back = _TAIL_BYTES
-        while True:
-            start = max(0, size - back)
-            tail = os.pread(self._file, size - start, start)
-            whole, newline, torn = tail.rpartition(b"\n")
-            line = whole.rpartition(b"\n")[2]
-            if start == 0 or (newline and b"\n" in whole):
-                break
-            back *= 2
-        if not newline or not line:
-            return _START, 0, len(torn)
-        try:
-            number = int(json.loads(line)["number"])
-        except (ValueError, KeyError, TypeError):
-            raise BadInput(
-                "the last line of the audit log is no entry",
-                where=self._path,
-                todo="Look with 'twin audit verify'; move the file away to begin a new one",
-            ) from None
-        return hashlib.sha256(line).hexdigest(), number, len(torn)
+            self._journal.close()
 
 
 @dataclass(frozen=True)
@@ -111,61 +60,47 @@ class Verified:
 
 def verify(path: Path) -> Verified:
     """Reads a log from its beginning. Raises BadInput where it cannot be read."""
-    prev, entries, torn = _START, 0, 0
+    last, entries, torn = _NOTHING, 0, 0
     broken: list[Broken] = []
-    for place, (line, is_torn) in enumerate(_judged(path), start=1):
-        if is_torn:
+    for line in _lines(path):
+        if line.torn:
             torn += 1
             continue
-        entry = _entry(line)
+        entry = line.entry
         if entry is None:
-            broken.append(Broken(place, "this is no entry"))
+            broken.append(Broken(line.number, "this is no entry, or it was changed"))
             continue
-        if entry.get("prev") != prev:
-            broken.append(Broken(place, "the line before it was changed, removed or moved"))
+        if not line.follows:
+            broken.append(Broken(line.number, "the line before it was changed, removed or moved"))
         entries += 1
         number = entry.get("number")
         if number != entries:
-            broken.append(Broken(place, f"it bears number {number} and should bear {entries}"))
+            broken.append(Broken(line.number, f"it bears number {number} and should bear {entries}"))
             entries = number if isinstance(number, int) else entries
-        prev = hashlib.sha256(line).hexdigest()
-    return Verified(entries, prev, torn, tuple(broken))
-
-
-def _judged(path: Path) -> Iterator[tuple[bytes, bool]]:
-    """Each line, and whether a writer died while it wrote it: the last one without its end, or one that the next
-    entry calls so."""
-    held: bytes | None = None
-    whole = True
-    for line, ended in _lines(path):
-        if held is not None:
-            entry = _entry(line)
-            yield held, entry is not None and entry.get("torn_before") == len(held)
-        held, whole = line, ended
-    if held is not None:
-        yield held, not whole
+        last = line.hash
+    return Verified(entries, last, torn, tuple(broken))
 
 
 def entries_of(path: Path) -> Iterator[dict[str, Any]]:
-    """The readable entries of a log, oldest first."""
-    for line, is_torn in _judged(path):
-        entry = _entry(line)
-        if not is_torn and entry is not None:
-            yield entry
+    """The readable entries of a log, oldest first. Raises BadInput where it cannot be read."""
+    return (line.content for line in _lines(path) if line.entry is not None and line.content is not None)
 
 
-def _lines(path: Path) -> Iterator[tuple[bytes, bool]]:
+def _lines(path: Path) -> Iterator[Line]:
     try:
-        with path.open("rb") as file:
-            for line in file:
-                yield line.removesuffix(b"\n"), line.endswith(b"\n")
+        yield from lines(path)
     except OSError as error:
         raise BadInput(f"cannot be read: {error.strerror}", where=path, todo="'twin run' begins one") from None
 
 
-def _entry(line: bytes) -> dict[str, Any] | None:
+def _number_of(last: Line | None, path: Path) -> int:
+    if last is None:
+        return 0
     try:
-        entry = json.loads(line)
-    except (ValueError, RecursionError):
-        return None
-    return entry if isinstance(entry, dict) else None
+        return int((last.entry or {})["number"])
+    except (ValueError, KeyError, TypeError):
+        raise BadInput(
+            "the last line of the audit log is no entry",
+            where=path,
+            todo="Look with 'twin audit verify'; move the file away to begin a new one",
+        ) from None

@@ -1,28 +1,26 @@
-"""What was done to the versions of a hand, in order: one line of JSON a decision, only ever appended.
+"""What was done to the versions of a hand, in order: a journal with one decision a line.
 
-The number of a decision, not the clock, says what came first. Each line has the sum of its content and of the line
-before it. A line that is not whole at the end of the file was never acknowledged; it is dropped by the next writer.
+The number of a decision, not the clock, says what came first. A line that is not whole at the end of the file was never
+acknowledged; it is dropped by the next writer. The lines of an earlier release (schema 2) had sums of their own.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
-import json
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from twin_daemon.errors import BadInput
-from twin_daemon.files import sync_folder
+from twin_daemon.journal import Journal, Line, chained, last_line, lines
 from twin_daemon.jsonable import canonical, plain
 
-LAYOUT = 2  # of a hand's folder: 1 had names but no decisions
+LAYOUT = 2  # of the file of names: 1 had names but no decisions
+_LINES = 3  # of the decisions
 KINDS = (
     "stored", "named", "unnamed", "promoted", "rolled_back", "rejected", "noted", "pruned", "lost", "checkpoint",
 )  # fmt: skip
-_TAIL_BYTES = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -48,18 +46,10 @@ class Decision:
     promoted: tuple[str, ...] = ()
     names: dict[str, str] = field(default_factory=dict)
     versions: tuple[str, ...] = ()
-    before: str = ""
 
     def as_json(self) -> dict[str, Any]:
         """What is set, with the schema."""
-        return {"schema": LAYOUT} | {key: value for key, value in plain(self).items() if value not in (None, [], {})}
-
-    def sum(self) -> str:
-        """What the line's own sum must be."""
-        return hashlib.sha256(canonical(self.as_json())).hexdigest()[:32]
-
-    def line(self) -> bytes:
-        return json.dumps({**self.as_json(), "sum": self.sum()}, ensure_ascii=False).encode() + b"\n"
+        return {"schema": _LINES} | {key: value for key, value in plain(self).items() if value not in (None, [], {})}
 
 
 @dataclass(frozen=True)
@@ -77,64 +67,40 @@ class DecisionLog:
 
 def read_decisions(path: Path) -> DecisionLog:
     """Every decision that can be read, and one line for each that cannot. Raises BadInput for a newer release's."""
-    try:
-        content = path.read_bytes()
-    except FileNotFoundError:
-        return DecisionLog()
-    whole = content.rfind(b"\n") + 1
     decisions: list[Decision] = []
     problems: list[str] = []
-    previous: str | None = ""  # None after a line that cannot be read
-    for number, line in enumerate(content[:whole].splitlines(), start=1):
-        decision = _parsed(line, path)
-        if decision is None:
-            problems.append(f"{path}: line {number} is not the one that was written")
-            previous = None
-            continue
-        if previous is not None and decision.before != previous:
-            problems.append(f"{path}: lines are missing before line {number}")
-        previous = decision.sum()
-        decisions.append(decision)
-    return DecisionLog(tuple(decisions), tuple(problems), whole)
+    end = whole_bytes = 0
+    old_sum, after_damage = "", False
+    try:
+        for line in lines(path):
+            end += len(line.raw) + 1
+            if line.torn:
+                continue
+            whole_bytes = end
+            decision = _parsed(line, path)
+            if decision is None:
+                problems.append(f"{path}: line {line.number} is not the one that was written")
+            else:
+                if not after_damage and not _follows(line, old_sum):
+                    problems.append(f"{path}: lines are missing before line {line.number}")
+                decisions.append(decision)
+            after_damage = decision is None
+            old_sum = (line.content or {}).get("sum", "")
+    except FileNotFoundError:
+        return DecisionLog()
+    return DecisionLog(tuple(decisions), tuple(problems), whole_bytes)
 
 
 def last_decision(path: Path) -> Decision | None:
     """The last decision; None where there is none, or the last line is torn or damaged. Only the end is read."""
-    try:
-        with path.open("rb") as file:
-            size = file.seek(0, os.SEEK_END)
-            wanted = _TAIL_BYTES
-            while True:
-                file.seek(max(0, size - wanted))
-                content = file.read()
-                if not content.endswith(b"\n"):
-                    return None
-                _, newline, line = content[:-1].rpartition(b"\n")
-                if newline or wanted >= size:
-                    return _parsed(line if newline else content[:-1], path)
-                wanted *= 4
-    except FileNotFoundError:
-        return None
+    line = last_line(path)
+    return None if line is None else _parsed(line, path)
 
 
 def append(path: Path, decision: Decision) -> int:
     """Add a line and make it durable; the size before it. Where that fails the file is as it was."""
-    handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
-    try:
-        size = os.fstat(handle).st_size
-        line = memoryview(decision.line())
-        try:
-            while line:
-                line = line[os.write(handle, line) :]
-            os.fsync(handle)
-        except OSError:
-            os.ftruncate(handle, size)
-            raise
-        if not size:
-            sync_folder(path.parent)
-        return size
-    finally:
-        os.close(handle)
+    with Journal(path) as journal:
+        return journal.append(decision.as_json(), durable=True)
 
 
 def cut(path: Path, size: int) -> None:
@@ -146,11 +112,7 @@ def cut(path: Path, size: int) -> None:
 
 def rechained(decisions: list[Decision]) -> bytes:
     """The file that holds exactly these decisions."""
-    content, before = b"", ""
-    for decision in decisions:
-        linked = dataclasses.replace(decision, before=before)
-        content, before = content + linked.line(), linked.sum()
-    return content
+    return chained(decision.as_json() for decision in decisions)
 
 
 def refuse_newer(schema: object, newest: int, where: Path) -> None:
@@ -164,15 +126,31 @@ def refuse_newer(schema: object, newest: int, where: Path) -> None:
         )
 
 
-def _parsed(line: bytes, path: Path) -> Decision | None:
-    try:
-        content = json.loads(line)
-        refuse_newer(content.pop("schema"), LAYOUT, path)
-        said = content.pop("sum")
-        for key in ("removed", "stubbed", "promoted", "versions"):
-            if key in content:
-                content[key] = tuple(content[key])
-        decision = Decision(**content)
-    except (ValueError, TypeError, KeyError, AttributeError):
+def _parsed(line: Line, path: Path) -> Decision | None:
+    content = dict(line.content or {})
+    refuse_newer(content.get("schema"), _LINES, path)
+    if line.entry is None or not (_is_new(content) or content.get("sum") == _old_sum(content)):
         return None
-    return decision if decision.what in KINDS and decision.sum() == said else None
+    content = {key: value for key, value in line.entry.items() if key not in ("schema", "sum", "before")}
+    for key in ("removed", "stubbed", "promoted", "versions"):
+        if key in content:
+            content[key] = tuple(content[key])
+    try:
+        decision = Decision(**content)
+    except TypeError:
+        return None
+    return decision if decision.what in KINDS else None
+
+
+def _follows(line: Line, old_sum: str) -> bool:
+    content = line.content or {}
+    return line.follows if _is_new(content) else content.get("before") == old_sum
+
+
+def _is_new(content: dict[str, Any]) -> bool:
+    return content.get("schema") == _LINES and "prev" in content and "sum" in content
+
+
+def _old_sum(content: dict[str, Any]) -> str:
+    """The sum of a line of schema 2: of its content in one spelling."""
+    return hashlib.sha256(canonical({key: value for key, value in content.items() if key != "sum"})).hexdigest()[:32]

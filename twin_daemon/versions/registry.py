@@ -85,7 +85,6 @@ class Registry:
             sequence=max(aliases.sequence, last.sequence if last else 0) + 1,
             at=self._now().isoformat(timespec="microseconds"),
             what=what,
-            before=last.sum() if last else "",
             **content,
         )
         size = append(self.log_path, decision)
