@@ -132,7 +132,7 @@ def arm_model(folder: Path) -> Path:
 def targets(seconds: float, seed: int, fastest: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """((n,) s, (n, 2) rad): steps, slow and fast ramps, small reversals and holds of both joints."""
     random = np.random.default_rng(seed)
-    tracks = []
+    grid, tracks = np.arange(0.0, seconds, 1.0 / RATE_HZ), []
     for _ in JOINTS:
         times, angles = [0.0, 0.4], [0.0, 0.0]
         while times[-1] < seconds:
@@ -152,7 +152,6 @@ def targets(seconds: float, seed: int, fastest: float = 1.0) -> tuple[np.ndarray
                 for side in (0.08, 0.0, 0.08, 0.0):
                     times.append(times[-1] + 0.2)
                     angles.append(float(np.clip(here + side, -1.2, 1.3)))
-        grid = np.arange(0.0, seconds, 1.0 / RATE_HZ)
         tracks.append(np.interp(grid, times, angles))
     return grid, np.stack(tracks, axis=1)
 

@@ -134,9 +134,8 @@ def main() -> None:
             if index % _COMMAND_EVERY == 0:
                 at = index // _COMMAND_EVERY
                 service.on_command(JointSample(stamp_ns, run.commands, run.command[at % len(run.command)]))
-                position = run.position[at % len(run.position)]
                 time.sleep(0.0)  # the transport's threads get their turn
-            handle(JointSample(stamp_ns, run.joints, position))
+            handle(JointSample(stamp_ns, run.joints, run.position[index // _COMMAND_EVERY % len(run.position)]))
         bridge.close()
     print(f"{'stage':30} {'runs':>7} {'least':>8} {'median':>8} {'p99':>8}  us")
     for stage, times in stopwatch.times_ns.items():

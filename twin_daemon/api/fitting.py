@@ -27,9 +27,7 @@ def compare(recording: Recordings, *, version: str | None = None, terms: Text | 
     session = opened(robot, version, terms, recordings)
     aligned = session.recordings(paths(recordings), trajectory_of(recordings))
     report, compared = comparison_report(session.twin, aligned, session.last_promoted())
-    found = Comparison.made_of({**report, "version": session.version})
-    found._compared = compared
-    return found
+    return Comparison.of({**report, "version": session.version}, compared)
 
 
 def check(
@@ -97,7 +95,7 @@ def add(
     if recordings:
         robot = recordings[0].robot
     elif robot is None:
-        robot = (finding and finding._robot) or hand()
+        robot = (finding and finding.of_robot) or hand()
     taken = None if finding is None else _taken(finding, rank)
     if taken is not None and values:
         raise UsageError("a finding has its values", todo="Leave values out, or fit anew without finding")

@@ -33,9 +33,7 @@ def diagnose(
     session = opened(robot, version, terms, [*recordings, *held])
     trajectory = trajectory_of(recordings)
     recorded = session.recordings(paths(recordings), trajectory)
-    found = Diagnosis.made_of(judged(session, recorded, paths(held), trajectory, list(joints), seed)[0])
-    found._robot = robot
-    return found
+    return Diagnosis.of(judged(session, recorded, paths(held), trajectory, list(joints), seed)[0], robot)
 
 
 def ladder(

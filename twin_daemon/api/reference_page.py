@@ -130,7 +130,7 @@ def _fields(one: ast.ClassDef) -> Iterator[tuple[str, str, str]]:
 
 def _methods(one: ast.ClassDef) -> str:
     """What can be asked of it beside its fields, where that has a docstring."""
-    rows = []
+    rows: list[str] = []
     for member in one.body:
         if not isinstance(member, ast.FunctionDef) or member.name.startswith("_"):
             continue

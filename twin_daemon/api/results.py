@@ -12,7 +12,7 @@ from twin_daemon.diagnosis import verdict
 from twin_daemon.jsonable import plain
 
 if TYPE_CHECKING:
-    import plotly.graph_objects as go
+    import plotly.graph_objects as go  # pyright: ignore[reportMissingTypeStubs]
     from rich.table import Table
 
     from twin_daemon.api.inputs import Robot
@@ -92,6 +92,12 @@ class Comparison(Result):
     """The same error of `raw_command` and `last_promoted`."""
 
     _compared: Sequence[Compared] = PrivateAttr(default=())
+
+    @classmethod
+    def of(cls, payload: Mapping[str, Any], compared: Sequence[Compared]) -> Self:
+        made = cls.made_of(payload)
+        made._compared = compared
+        return made
 
     def table(self) -> Table:
         table = slim_table(f"{self.hand}: measured against twin", ("joint", "rmse mrad", "max mrad", "bias mrad"))
@@ -245,6 +251,17 @@ class Diagnosis(Result):
 
     _robot: Robot | None = PrivateAttr(default=None)
 
+    @classmethod
+    def of(cls, payload: Mapping[str, Any], robot: Robot) -> Self:
+        made = cls.made_of(payload)
+        made._robot = robot
+        return made
+
+    @property
+    def of_robot(self) -> Robot | None:
+        """The robot that was diagnosed; None for a result that was read from a file."""
+        return self._robot
+
     def table(self) -> Table:
         table = slim_table(self.reason, ("found", "value", "95 % interval", "unit"))
         for finding in self.findings:
@@ -328,7 +345,9 @@ class Versions(Result):
 
 
 def _held_out(version: Mapping[str, Any]) -> float | None:
-    return ((version.get("errors") or {}).get("holdout_after") or {}).get("mse_rad2")
+    errors: Mapping[str, Any] = version.get("errors") or {}
+    after: Mapping[str, float] = errors.get("holdout_after") or {}
+    return after.get("mse_rad2")
 
 
 def _number(value: float | None) -> str:
@@ -337,9 +356,11 @@ def _number(value: float | None) -> str:
 
 def _bars(title: str, series: Mapping[str, Mapping[str, float | None]], *, log: bool) -> go.Figure:
     """Bars of several series by name."""
-    import plotly.graph_objects as go
+    import plotly.graph_objects as go  # pyright: ignore[reportMissingTypeStubs]
 
     from twin_daemon.figures.style import styled
 
     figure = go.Figure([go.Bar(name=name, x=list(values), y=list(values.values())) for name, values in series.items()])
-    return styled(figure, title, height=420).update_yaxes(type="log" if log else "linear")
+    figure = styled(figure, title, height=420)
+    figure.update_yaxes(type="log" if log else "linear")  # pyright: ignore[reportUnknownMemberType]
+    return figure

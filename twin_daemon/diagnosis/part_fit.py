@@ -244,7 +244,7 @@ class PartFit:
             point = found.point
             if found.rows @ found.rows > GONE_FAR * found.began:
                 break
-        return as_fit(hypothesis, problem, found)
+        return as_fit(hypothesis, problem, found)  # pyright: ignore[reportPossiblyUnboundVariable]
 
     def together(self, fits: Sequence[Fit], evaluations: int) -> list[Fit]:
         """Several effects that were found one after another, fitted at once; the same fit seen from each of them."""

@@ -211,7 +211,7 @@ def _descended(problem: Posterior) -> Descent:
         point = found.point
         if found.rows @ found.rows > SETTLED * found.began:
             break
-    return found
+    return found  # pyright: ignore[reportPossiblyUnboundVariable]
 
 
 def _hypothesis(

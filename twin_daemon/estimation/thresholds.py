@@ -19,7 +19,7 @@ class Threshold(float):
         self.unit, self.why = unit, why
         return self
 
-    def __getnewargs__(self) -> tuple[float, str, str]:
+    def __getnewargs__(self) -> tuple[float, str, str]:  # pyright: ignore[reportIncompatibleMethodOverride]
         return float(self), self.unit, self.why
 
 
@@ -34,7 +34,7 @@ class Count(int):
         self.unit, self.why = unit, why
         return self
 
-    def __getnewargs__(self) -> tuple[int, str, str]:
+    def __getnewargs__(self) -> tuple[int, str, str]:  # pyright: ignore[reportIncompatibleMethodOverride]
         return int(self), self.unit, self.why
 
 
