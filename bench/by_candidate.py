@@ -7,13 +7,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-from twin_daemon.cli.session import open_session
 from twin_daemon.diagnosis.candidates import hypotheses
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.screening import Screening
 from twin_daemon.diagnosis.thresholds import FULL_FIT_ROLLOUTS, RACE_ROLLOUTS
 from twin_daemon.estimation.partition import Reduction
 from twin_daemon.simulation.submodel import parts
+from twin_daemon.workflows.session import open_session
 
 Result = TypeVar("Result")
 

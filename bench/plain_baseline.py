@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from twin_daemon.cli.session import silence_mujoco
 from twin_daemon.comparison.noise import noise_variance
 from twin_daemon.effects import LIBRARY
 from twin_daemon.effects.base import Effect, Parameter
@@ -30,6 +29,7 @@ from twin_daemon.recordings import load_recording
 from twin_daemon.simulation.alignment import Aligned, align, predict
 from twin_daemon.simulation.terms import EffectTerm, Terms
 from twin_daemon.simulation.twin import TwinModel
+from twin_daemon.workflows.session import silence_mujoco
 
 _SOUND = 1.5  # an rms error of so many times the sensors' noise at every joint is none
 _WORTH = 0.95  # of the nominal held-out error: what does not get below explains nothing

@@ -58,13 +58,13 @@ def main() -> None:
 
 
 def _case(key: str, seed: int, folder: Path, seconds: float) -> dict[str, Any]:
-    from twin_daemon.cli.session import silence_mujoco
     from twin_daemon.diagnosis.verdict import Diagnosis
     from twin_daemon.hand import load_hand
     from twin_daemon.proposals.propose import propose
     from twin_daemon.recordings import load_recording
     from twin_daemon.simulation.alignment import align
     from twin_daemon.simulation.twin import TwinModel
+    from twin_daemon.workflows.session import silence_mujoco
 
     silence_mujoco()
     twin = TwinModel.load(load_hand(model=arm_model(folder)))

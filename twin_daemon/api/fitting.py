@@ -7,13 +7,13 @@ from pathlib import Path
 
 from twin_daemon.api.inputs import Recordings, Robot, Text, as_list, hand, of, opened, paths, trajectory_of
 from twin_daemon.api.results import Addition, Calibration, Check, Comparison, Diagnosis
-from twin_daemon.cli.add import added_to
-from twin_daemon.cli.calibrate import calibrated
-from twin_daemon.cli.check import checked
-from twin_daemon.cli.take_over import Taken
 from twin_daemon.comparison.report import comparison_report
 from twin_daemon.diagnosis.verdict import Diagnosis as Found
 from twin_daemon.errors import UsageError
+from twin_daemon.workflows.calibration import calibrated
+from twin_daemon.workflows.change import added_to
+from twin_daemon.workflows.data_check import checked
+from twin_daemon.workflows.take_over import Taken
 
 
 def compare(recording: Recordings, *, version: str | None = None, terms: Text | None = None) -> Comparison:

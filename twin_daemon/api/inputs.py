@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from twin_daemon.cli.session import Session, open_session
 from twin_daemon.errors import BadInput, UsageError
 from twin_daemon.hand import Hand, load_hand
 from twin_daemon.recordings import Recording as Recorded
 from twin_daemon.recordings import load_joint_map, load_recording
+from twin_daemon.workflows.session import Session, open_session
 
 Text = str | PathLike[str]
 

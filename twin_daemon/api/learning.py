@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 from twin_daemon.api.inputs import Recordings, Robot, Text, as_list, hand, of, opened, paths, trajectory_of
 from twin_daemon.api.results import Diagnosis, Ladder, Versions
-from twin_daemon.cli.diagnose import judged
-from twin_daemon.cli.ladder import laddered
-from twin_daemon.cli.versions import listed
 from twin_daemon.versions import VersionStore
+from twin_daemon.workflows.diagnosis import judged
+from twin_daemon.workflows.ladder import laddered
+from twin_daemon.workflows.versions import listed
 
 
 def diagnose(

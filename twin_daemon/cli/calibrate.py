@@ -8,24 +8,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from twin_daemon.cli import options
-from twin_daemon.cli.check import warn_before_fit
 from twin_daemon.cli.commanding import As
-from twin_daemon.cli.console import emit_json, people, plain_text, progress_console
+from twin_daemon.cli.console import emit_json, people, plain_text, require_folder
 from twin_daemon.cli.drive import drive
 from twin_daemon.cli.run import Endpoint, Namespace
-from twin_daemon.cli.session import Session, open_session, require_folder
 from twin_daemon.cli.tables import by_kind, place_of, slim_table
 from twin_daemon.errors import UsageError
+from twin_daemon.workflows.calibration import calibrated
+from twin_daemon.workflows.session import open_session
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.progress import TaskID
 
     from twin_daemon.calibration.calibrate import Calibration
-    from twin_daemon.estimation.solvers.tracker import Progress
     from twin_daemon.estimation.uncertainty import Estimate
-    from twin_daemon.simulation.alignment import Aligned
-    from twin_daemon.versions import Proposed
 
 SearchName = Annotated[
     str, typer.Option("--search", metavar="bayes|least-squares|random|pso", help="How the parameters are searched.")
@@ -75,163 +71,6 @@ def command(
     payload, result = calibrated(session, train, held, search, space or "physical", budget, seed, cluster)
     _show(payload, result, json)
     emit_json(json, payload)
-
-
-def calibrated(
-    session: Session,
-    train: list[Aligned],
-    held: list[Aligned],
-    search: str,
-    space: str,
-    budget: int | None,
-    seed: int,
-    cluster: str | None = None,
-) -> tuple[dict[str, Any], Calibration]:
-    """(what the command writes, the same as values); the version is stored."""
-    from twin_daemon.calibration.calibrate import calibrate
-    from twin_daemon.calibration.spaces import load_space
-    from twin_daemon.comparison.split import hold_out
-    from twin_daemon.executor import on_cluster
-
-    chosen = load_space(space)
-    notes = warn_before_fit(session, train)
-    if not held:
-        train, held = hold_out(train)
-        notes.append("no --holdout: every third stretch of each recording is held out, so the intervals are wider")
-    with on_cluster(cluster), progress_bar(f"{search} over '{chosen.name}'", budget) as report:
-        result = calibrate(session.twin, train, held, chosen, search, budget=budget, seed=seed, progress=report)
-    stored = _store(session, result, train, held, chosen.name, search, budget, seed)
-    return _payload(result, stored, notes, chosen.name, search, seed), result
-
-
-class progress_bar:
-    """A progress bar on standard error with the best error so far; nothing is drawn before there is one."""
-
-    def __init__(self, label: str, budget: int | None) -> None:
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-        self._progress = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("best {task.fields[best]}"),
-            TimeElapsedColumn(),
-            console=progress_console(),
-        )
-        self._label, self._budget = plain_text(label), budget
-        self._task: TaskID | None = None
-
-    def __enter__(self) -> Progress:
-        return self._report
-
-    def _report(self, count: int, best: float) -> None:
-        if self._task is None:
-            self._task = self._progress.add_task(self._label, total=self._budget, best="-")
-            self._progress.start()
-        self._progress.update(self._task, completed=count, best=f"{best:.4g} rad²")
-
-    def __exit__(self, *_: object) -> None:
-        if self._task is not None:
-            self._progress.stop()
-
-
-def _store(
-    session: Session,
-    result: Calibration,
-    train: list[Aligned],
-    held: list[Aligned],
-    space: str,
-    search: str,
-    budget: int | None,
-    seed: int,
-) -> Proposed:
-    """Stores the calibration, as the candidate where it is better."""
-    from twin_daemon.versions import Draft, ParameterRecord, RecordingUsed
-
-    twin = session.twin.changed(result.terms)
-    draft = Draft(
-        hand=session.hand.name,
-        kind="calibrated",
-        terms=result.terms.as_json(),
-        parent=session.version,
-        title=f"{search} over '{space}'",
-        parameters={
-            name: ParameterRecord(
-                value=p.value,
-                unit=p.unit,
-                lower=p.lower,
-                upper=p.upper,
-                at_bound=p.at_bound,
-                ci95=p.ci95,
-                identifiable=p.identifiable,
-            )
-            for name, p in result.parameters.items()
-        },
-        fitted_on=tuple(RecordingUsed(name=r.recording.name, sha256=r.recording.sha256) for r in train),
-        held_out_on=tuple(RecordingUsed(name=r.recording.name, sha256=r.recording.sha256) for r in held),
-        errors=_errors_to_keep(result),
-        search={"name": search, "space": space, "budget": budget, "evaluations": result.evaluations},
-        seed=seed,
-    )
-    return session.store.propose(draft, twin.mjcf())
-
-
-def errors(result: Calibration) -> dict[str, Any]:
-    """Errors before and after, on what was fitted and on what was held out."""
-    return {
-        "before": {"mse_rad2": result.before_rad2},
-        "after": {"mse_rad2": result.after_rad2},
-        "holdout_before": {"mse_rad2": result.holdout_before_rad2},
-        "holdout_after": {"mse_rad2": result.holdout_after_rad2},
-    }
-
-
-def _errors_to_keep(result: Calibration) -> dict[str, Any]:
-    """What a version keeps: the errors, the joints they are of, and those of its parent where it began elsewhere."""
-    found = {**errors(result), "joints": list(result.objective)}
-    if result.given_rad2 == result.before_rad2 and result.holdout_given_rad2 == result.holdout_before_rad2:
-        return found
-    given = {"mse_rad2": result.given_rad2}
-    return {**found, "given": given, "holdout_given": {"mse_rad2": result.holdout_given_rad2}}
-
-
-def _payload(
-    result: Calibration, stored: Proposed, notes: list[str], space: str, search: str, seed: int
-) -> dict[str, Any]:
-    return {
-        **errors(result),
-        "objective": result.objective,
-        "search": search,
-        "space": space,
-        "seed": seed,
-        "evaluations": result.evaluations,
-        "wall_s": result.wall_s,
-        "interrupted": result.interrupted,
-        "onset_s": result.onsets_s,
-        "parameters": fitted_values(result.parameters),
-        "history": result.history,
-        "version": stored.version.id,
-        "candidate": stored.candidate,
-        "notes": notes,
-    }
-
-
-def fitted_values(parameters: Mapping[str, Estimate]) -> dict[str, dict[str, Any]]:
-    """Fitted parameters by name, as the contract spells them."""
-    return {
-        name: {
-            "value": p.value,
-            "unit": p.unit,
-            "lower": p.lower,
-            "upper": p.upper,
-            "at_bound": p.at_bound,
-            "ci95": list(p.ci95),
-            "identifiable": p.identifiable == "identifiable",
-            "identifiability": p.identifiable,
-            "confused_with": p.confused_with,
-        }
-        for name, p in parameters.items()
-    }
 
 
 def _said(parameter: Estimate) -> str:

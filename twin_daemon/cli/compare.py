@@ -8,9 +8,9 @@ from typing import Annotated, Any
 import typer
 
 from twin_daemon.cli import options
-from twin_daemon.cli.console import counted, emit_json, people, plain_text
-from twin_daemon.cli.session import open_session, require_folder
+from twin_daemon.cli.console import counted, emit_json, people, plain_text, require_folder
 from twin_daemon.cli.tables import slim_table
+from twin_daemon.workflows.session import open_session
 
 
 def command(

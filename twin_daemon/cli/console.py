@@ -25,13 +25,6 @@ def people(json_path: str | Path | None = None) -> Console:
     return Console(stderr=str(json_path) == STANDARD_OUTPUT, highlight=False)
 
 
-def progress_console() -> Console:
-    """The console for progress bars and notes: always standard error, so that results can be piped."""
-    from rich.console import Console
-
-    return Console(stderr=True, highlight=False)
-
-
 def plain_text(text: object) -> str:
     """A name that came from a file, made safe to stand in rich markup ('[red]' stays as written)."""
     from rich.markup import escape
@@ -64,3 +57,12 @@ def emit_json(path: str | Path | None, result: Any) -> None:
 def counted(count: int, word: str) -> str:
     """A number with its word, which has an s unless it is one."""
     return f"{count} {word}" if count == 1 else f"{count} {word}s"
+
+
+def require_folder(*paths: str | Path | None) -> None:
+    """Raises BadInput where a result could not be written, before any work is done for it or anything is stored."""
+    for path in paths:
+        if path is not None and str(path) != STANDARD_OUTPUT and not Path(path).absolute().parent.is_dir():
+            raise BadInput(
+                "the folder does not exist", where=path, todo=f"Create {Path(path).parent} or name another path"
+            )

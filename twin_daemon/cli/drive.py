@@ -8,9 +8,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from twin_daemon.cli.commanding import accepted, body_of, follow_motion, gate_connection
-from twin_daemon.cli.console import people, plain_text, progress_console
+from twin_daemon.cli.console import people, plain_text
 from twin_daemon.errors import NoAnswer, Refused, TwinError
 from twin_daemon.resources import state_dir
+from twin_daemon.workflows.progress import progress_console
 
 _LISTEN_S = 5.0
 _AFTER_S = 0.5

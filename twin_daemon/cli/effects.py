@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,7 +11,8 @@ import typer
 from twin_daemon.cli.console import emit_json, people
 from twin_daemon.cli.options import HandName, Json, Model
 from twin_daemon.cli.run import load_named
-from twin_daemon.errors import BadInput, UsageError, nearest
+from twin_daemon.errors import BadInput, UsageError
+from twin_daemon.workflows.change import nearest_effect
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -68,13 +68,6 @@ def _draw(effect: Effect, place: str, hand: Hand, path: Path) -> None:
         (name for name in ("hand", *twin.actuators, *twin.joints) if effect.applies(twin.place(name))), ""
     )
     write_page(effect_figure(effect.key, signature(twin, effect.key, target)), path)
-
-
-def nearest_effect(key: str, known: list[str]) -> str:
-    """As `nearest`, also for half a key: 'stribek' is near to 'stribeck_friction'."""
-    halves = {half: name for name in reversed(known) for half in (name, *name.split("_"))}
-    close = difflib.get_close_matches(key, halves, n=1, cutoff=0.7)
-    return f"Did you mean '{halves[close[0]]}'?" if close else nearest(key, known)
 
 
 def _plain(effect: Effect) -> dict[str, Any]:

@@ -18,8 +18,8 @@ import typer
 
 from twin_daemon.cli.options import HandName, Model, Seconds, VersionRef
 from twin_daemon.cli.run import AUDIT, SWITCH_S, Endpoint, Namespace, hand_folder, load_named, machine_keyring
-from twin_daemon.cli.session import silence_mujoco
 from twin_daemon.errors import BadInput, TwinError
+from twin_daemon.workflows.session import silence_mujoco
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from twin_daemon.cli.console import people, plain_text
+from twin_daemon.cli.console import people, plain_text, require_folder
 from twin_daemon.cli.options import HandName, Model, Seconds, Seed
 from twin_daemon.cli.run import Endpoint, Namespace, load_named
-from twin_daemon.cli.session import require_folder
 from twin_daemon.errors import BadInput, UsageError
 
 if TYPE_CHECKING:

@@ -9,11 +9,12 @@ import typer
 
 from twin_daemon.cli.command import Group
 from twin_daemon.cli.commanding import As, Reason, accepted, body_of, follow_motion, gate_connection
-from twin_daemon.cli.console import emit_json, people, plain_text, progress_console
+from twin_daemon.cli.console import emit_json, people, plain_text
 from twin_daemon.cli.leases import keep_lease, lease_file
 from twin_daemon.cli.options import HandName, Json, Model
 from twin_daemon.cli.run import Endpoint, Namespace, load_named
 from twin_daemon.errors import Refused, UsageError
+from twin_daemon.workflows.progress import progress_console
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from twin_daemon.cli import options
-from twin_daemon.cli.console import emit_json, people, plain_text
-from twin_daemon.cli.diagnose import diagnosed, joint_names, streaming, train_and_held
-from twin_daemon.cli.session import open_session, require_folder
+from twin_daemon.cli.console import emit_json, people, plain_text, require_folder
 from twin_daemon.cli.tables import slim_table
+from twin_daemon.workflows.diagnosis import diagnosed, joint_names, train_and_held
+from twin_daemon.workflows.progress import streaming
+from twin_daemon.workflows.session import open_session
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from twin_daemon.cli import options
-from twin_daemon.cli.add import Key, data_of, draft_of, errors, known_effect, show_change
-from twin_daemon.cli.console import emit_json
-from twin_daemon.cli.session import open_session, require_folder
+from twin_daemon.cli.add import Key, show_change
+from twin_daemon.cli.console import emit_json, require_folder
 from twin_daemon.errors import BadInput
 from twin_daemon.places import ROBOT
+from twin_daemon.workflows.change import data_of, draft_of, errors, known_effect
+from twin_daemon.workflows.session import open_session
 
 
 def command(

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from twin_daemon.cli import options
-from twin_daemon.cli.console import emit_json, people, plain_text
-from twin_daemon.cli.session import Session, open_session, require_folder
+from twin_daemon.cli.console import emit_json, people, plain_text, require_folder
 from twin_daemon.errors import BadInput, UsageError
+from twin_daemon.workflows.session import Session, open_session
 
 if TYPE_CHECKING:
     from twin_daemon.diagnosis.verdict import Diagnosis, LadderResult
@@ -138,9 +138,9 @@ def _diagnosed(
     session: Session, recorded: list[Aligned], holdout: list[Path] | None, trajectory: str | None, seed: int
 ) -> Diagnosis:
     from twin_daemon.cli.console import SCHEMA
-    from twin_daemon.cli.diagnose import judged
     from twin_daemon.diagnosis.verdict import Diagnosis
     from twin_daemon.jsonable import plain
+    from twin_daemon.workflows.diagnosis import judged
 
     payload, _ = judged(session, recorded, holdout, trajectory, None, seed)
     return Diagnosis.model_validate(plain({"schema": SCHEMA, **payload}))

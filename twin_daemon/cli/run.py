@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from twin_daemon.cli.options import HandName, Model, Seconds, VersionRef
-from twin_daemon.cli.session import silence_mujoco
 from twin_daemon.errors import BadInput, UsageError
 from twin_daemon.resources import state_dir
+from twin_daemon.workflows.session import silence_mujoco
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -11,12 +11,12 @@ import typer
 
 from twin_daemon.cli import versions_care as care
 from twin_daemon.cli.command import Group
-from twin_daemon.cli.console import emit_json, people, plain_text
+from twin_daemon.cli.console import emit_json, people, plain_text, require_folder
 from twin_daemon.cli.options import HandName, Json, Model
-from twin_daemon.cli.session import require_folder
 from twin_daemon.cli.versions_care import open_store
 from twin_daemon.cli.versions_history import history
 from twin_daemon.errors import UsageError
+from twin_daemon.workflows.versions import listed
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -49,24 +49,6 @@ def list_versions(
     for problem in found.problems:
         console.print(f"[red]damaged[/red] {plain_text(problem)}", soft_wrap=True)
     emit_json(json, listed(store))
-
-
-def listed(store: VersionStore) -> dict[str, Any]:
-    """What the list writes."""
-    found = store.everything()
-    versions, notes = store.in_order(found), store.notes()
-    names, shipped = store.all_names(), store.all_shipped()
-    rows = [
-        {
-            **_summary(version),
-            "names": names.get(version.id, []),
-            "shipped": version.id in shipped,
-            "stub": version.id in found.stubs,
-            "notes": notes.get(version.id, []),
-        }
-        for version in versions
-    ]
-    return {"hand": store.hand, "versions": rows, "aliases": store.aliases(), "problems": found.problems}
 
 
 @app.command("show")
@@ -228,12 +210,6 @@ def _report_move(store: VersionStore, version: Version, json: str | None, worse:
     people(json).print(f"current is {version.short_id} {plain_text(_titled(version))}")
     moved = {"current": aliases["current"], "previous": aliases.get("previous"), "version": version.id}
     emit_json(json, moved if worse is None else {**moved, "worse": worse})
-
-
-def _summary(version: Version) -> dict[str, Any]:
-    return version.model_dump(
-        include={"id", "kind", "title", "created", "parent", "errors", "fitted_on", "held_out_on"}, mode="json"
-    )
 
 
 def _titled(version: Version) -> str:

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from twin_daemon.cli.console import emit_json, people, plain_text
+from twin_daemon.cli.console import emit_json, people, plain_text, require_folder
 from twin_daemon.cli.options import HandName, Json, Model
-from twin_daemon.cli.session import require_folder
 from twin_daemon.cli.tables import slim_table
 from twin_daemon.cli.versions_care import open_store
 

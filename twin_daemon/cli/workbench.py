@@ -14,8 +14,8 @@ import typer
 from twin_daemon.cli import options
 from twin_daemon.cli.console import people, plain_text
 from twin_daemon.cli.run import Endpoint, Namespace, load_named, named_hand
-from twin_daemon.cli.session import silence_mujoco
 from twin_daemon.errors import BadInput
+from twin_daemon.workflows.session import silence_mujoco
 
 PORT = 8460
 

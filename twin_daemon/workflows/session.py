@@ -1,4 +1,4 @@
-"""What the offline commands begin with: a twin, and recordings aligned to it."""
+"""What all offline work begins with: a twin, and recordings aligned to it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from twin_daemon.cli.console import STANDARD_OUTPUT
 from twin_daemon.errors import BadInput, UsageError
 
 if TYPE_CHECKING:
@@ -94,15 +93,6 @@ def silence_mujoco() -> None:
     import mujoco
 
     mujoco.set_mju_user_warning(lambda message: log.debug("MuJoCo: %s", message))
-
-
-def require_folder(*paths: str | Path | None) -> None:
-    """Raises BadInput where a result could not be written, before any work is done for it or anything is stored."""
-    for path in paths:
-        if path is not None and str(path) != STANDARD_OUTPUT and not Path(path).absolute().parent.is_dir():
-            raise BadInput(
-                "the folder does not exist", where=path, todo=f"Create {Path(path).parent} or name another path"
-            )
 
 
 def _terms(stored: dict):

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from twin_daemon.cli.session import Session
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding
 from twin_daemon.errors import BadInput
+from twin_daemon.workflows.session import Session
 
 
 @dataclass(frozen=True)
