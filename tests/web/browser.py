@@ -18,6 +18,7 @@ _FLAGS = (
     "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run",
     "--disable-background-networking", "--disable-component-update", "--remote-debugging-port=0",
     "--remote-allow-origins=*", "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1", "--window-size=1280,900",
+    "--enable-unsafe-swiftshader",
 )  # fmt: skip
 _START_S = 30.0
 
@@ -25,6 +26,10 @@ _START_S = 30.0
 def chromium() -> str | None:
     """The browser of this machine."""
     return next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+
+
+class Left(AssertionError):
+    """The page went while it was asked."""
 
 
 class Browser:
@@ -87,6 +92,8 @@ class Tab:
         while True:
             answer = json.loads(self._socket.recv(timeout=max(deadline_s - time.monotonic(), 0.01)))
             if answer.get("id") == number:
+                if "navigated" in answer.get("error", {}).get("message", ""):
+                    raise Left(answer["error"]["message"])
                 assert "error" not in answer, answer["error"]
                 return answer["result"]
             self._note(answer)
@@ -99,6 +106,8 @@ class Tab:
         elif event.get("method") == "Runtime.consoleAPICalled" and told["type"] in ("error", "warning", "assert"):
             self.console.append(" ".join(str(part.get("value", part.get("description"))) for part in told["args"]))
         elif event.get("method") == "Log.entryAdded" and told["entry"]["level"] in ("error", "warning"):
+            if "GL Driver Message" in told["entry"]["text"]:
+                return  # how fast it draws without a graphics card
             self.console.append(f"{told['entry']['text']} {told['entry'].get('url', '')}")
 
     def go(self, address: str) -> None:
@@ -114,10 +123,16 @@ class Tab:
         """The first true value of an expression, which may fail while the page is being loaded."""
         guarded = f"(() => {{ try {{ return {expression} }} catch {{ return null }} }})()"
         deadline_s = time.monotonic() + timeout_s
-        while not (value := self.run(guarded)):
+        while not (value := self._try(guarded)):
             assert time.monotonic() < deadline_s, f"not within {timeout_s:g} s: {expression}\n{self.text()[-3000:]}"
             time.sleep(0.1)
         return value
+
+    def _try(self, expression: str) -> Any:
+        try:
+            return self.run(expression)
+        except Left:
+            return None
 
     def text(self) -> str:
         return str(self.run("document.body ? document.body.innerText : ''"))

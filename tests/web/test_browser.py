@@ -36,6 +36,21 @@ def choose(tab: Tab, select: str, text: str) -> None:
     )
 
 
+def open_source(tab: Tab, name: str) -> None:
+    """Opens a recording of the list by the beginning of its name."""
+    button = (
+        f"[...document.querySelectorAll('[data-source]')].find((one) => "
+        f"one.querySelector('.name').textContent.startsWith({json.dumps(name)}))"
+    )
+    tab.until(f"Boolean({button})")
+    tab.run(f"{button}.click()")
+
+
+def show(tab: Tab, panel: str) -> None:
+    """Brings a panel to the front."""
+    tab.run(f"dispatchEvent(new CustomEvent('open-panel', {{ detail: '{panel}' }}))")
+
+
 def picture(tab: Tab, name: str) -> None:
     """Renews a picture of docs/workbench.md where TWIN_PICTURES names the folder for it."""
     if folder := os.environ.get("TWIN_PICTURES"):
@@ -60,7 +75,7 @@ def test_the_story(workbench: Any, processes: Twin, browser: Browser, worn: Path
     tab = browser.open(served.page)  # in front: a page behind another is drawn once a second
 
     tab.until(f"{shown('presence')} === 'following'", 60.0)
-    tab.until(f"Number({mark('frames')}) > 20")
+    tab.until(f"Number({mark('frames')}) > 20", 60.0)
     before = tab.run("document.querySelector('#strips canvas').toDataURL()")
     tab.until(f"document.querySelector('#strips canvas').toDataURL() !== {json.dumps(before)}")
     rows = "[...document.querySelectorAll('#joints tr')].map((row) => [...row.children].map((one) => one.textContent))"
@@ -71,72 +86,104 @@ def test_the_story(workbench: Any, processes: Twin, browser: Browser, worn: Path
 
     tab.key("s")
     tab.until(f"{shown('space-words')}.includes('mrad')")
+    tab.until(f"Number({mark('spaceFrames')}) > 2", 60.0)
     picture(tab, "live")
-    before = tab.run("document.getElementById('space').toDataURL()")
+    before = tab.until(mark("turned"))
     tab.run("document.getElementById('space').focus()")
     tab.key("ArrowLeft")
-    tab.until(f"document.getElementById('space').toDataURL() !== {json.dumps(before)}")
+    tab.until(f"{mark('turned')} !== {json.dumps(before)}")
 
-    tab.key("2")
-    choose(tab, "recording", "worn finger.mcap")
+    open_source(tab, worn.name)
     tab.until(mark("compared"), 60.0)
     assert "every sample" in tab.run(shown("reduced")).lower()
     tab.until(mark("judged"), 60.0)
-    assert tab.run("document.querySelector('#errors th').textContent") == "rh_FFJ3"
-    assert tab.run("document.querySelectorAll('#compared .js-plotly-plot').length") == 5  # 3 joints, heat map, state
+    tab.until("document.querySelector('.chart').dataset.joint === 'rh_FFJ3'")  # the worst one
+    show(tab, "tables")
+    assert tab.run("document.querySelector('#errors tbody th').textContent") == "FFJ3"
+    assert tab.run("document.querySelectorAll('#heat .cell').length") > 10
+    rmse_mrad = float(tab.run("document.querySelector('#errors tbody td').textContent"))
+    for charts in (2, 3):
+        tab.click("#errors input:not(:checked)")
+        tab.until(f"document.querySelectorAll('.chart').length === {charts}")
+    tab.until("document.querySelectorAll('.chart canvas').length === 6")  # angle and residual of each
     tab.run("document.getElementById('joined').focus()")
     tab.key("+")
-    tab.until("document.querySelector('#joined .plot').layout.xaxis.range[0] > 1")
-    tab.click("#worst button")
+    tab.until(f"Number({mark('range')}.split(' ')[0]) > 1")
+    tab.click("#worst .show")
     tab.until(f"{shown('cursor-at')}.endsWith(' s')")
+    show(tab, "dependence")
+    tab.until("document.querySelectorAll('.dependence .points').length === 8")
+    code, out, err = processes.run("compare", "--recording", str(worn), "--version", "nominal", "--json", "-")
+    assert code == 0, err
+    assert rmse_mrad == pytest.approx(1e3 * json.loads(out)["joints"]["rh_FFJ3"]["rmse_rad"], rel=1e-2)
 
-    tab.key("3")
-    choose(tab, "learn-recording", "worn finger.mcap")
-    tab.run("document.getElementById('learn-joints').value = 'rh_FFJ3'")
+    show(tab, "effects")
     choose(tab, "effect", "backlash")
     choose(tab, "place", "rh_FFJ3")
-    tab.run("document.getElementById('effect-more').open = true")
-    tab.until("Boolean(document.querySelector('#effect-figure .js-plotly-plot'))", 60.0)
-    tab.run("document.getElementById('effect-more').scrollIntoView()")
+    tab.until("document.querySelectorAll('#effect-figure svg').length === 2", 60.0)
+    assert tab.run("document.querySelector('#effect-picture svg').dataset.effect") == "backlash"
     assert "without" in tab.run(shown("effect-words"))
     picture(tab, "effect")
-    tab.run("document.getElementById('effect-more').open = false")
+    show(tab, "fall")
+
+    tab.key("2")
+    tab.click("#check")
+    tab.until(f"{mark('job')} === 'check done'", 600.0)
+    tab.until(f"{shown('inspector')}.includes('are identifiable')")
+    tab.key("4")
+    tab.until("Boolean(document.getElementById('learn-joints'))")
+    tab.run("document.getElementById('learn-joints').value = 'rh_FFJ3'")
+    assert tab.run("document.querySelector('#command').textContent").startswith("twin diagnose --recording ")
     tab.click("#diagnose")
-    tab.until(f"{shown('job-lines')}.includes('nats')", 200.0)
+    tab.until("document.getElementById('job-lines').textContent.includes('nats')", 900.0)
     viewer.until(f"{mark('job')} && {mark('job')}.startsWith('diagnose')")
-    tab.until(f"{mark('job')} === 'diagnose done'", 200.0)
-    tab.run("document.getElementById('view-learn').scrollIntoView()")
+    tab.until(f"{mark('job')} === 'diagnose done'", 900.0)
+    tab.until("Boolean(document.querySelector('[data-add]'))")
+    assert tab.run("document.querySelectorAll('table.race tr').length") > 0, "candidates as bars"
     picture(tab, "diagnosis")
-    said = tab.run(shown("diagnosis"))
+    said = tab.run("document.getElementById('diagnosis').textContent")
     assert "Explained" in said
-    assert "viscous_friction at rh_FFJ3" in said
-    tab.click("#findings button")
-    version = tab.until(mark("added"), 200.0)
-    start, end = tab.until("document.querySelector('#added .js-plotly-plot').data[1].y")  # on held-out motion
-    assert end < 0.01 * start
+    assert tab.run("document.querySelector('[data-add]').dataset.add") == "viscous_friction"
+    assert "viscous friction at FFJ3" in said
+    tab.click("[data-add]")
+    version = tab.until(mark("added"), 900.0)
+    assert float(tab.until(f"{mark('fallen')}", 60.0)) < 0.1, "rms on held-out motion, of what it was"
     added = served.ask("/api/job?kind=add")[1]["result"]
     found = added["finding"]  # taken over as the diagnosis has it, so that both say the same of it
     assert found["free_holdout_mse_before"] == added["holdout_before"]["mse_rad2"]
     assert found["free_holdout_mse_after"] == added["holdout_after"]["mse_rad2"]
     assert added["parameters"]["viscous_friction:rh_FFJ3.damping"]["ci95"] == found["parameters"]["damping"]["ci95"]
-    for page in (said, tab.run(shown("added"))):
-        assert "one free roll-out of the whole hand" in page
+    for page in (said, tab.until("document.getElementById('added')?.textContent")):
+        assert "one free roll-out of the whole hand" in page.lower()
         assert "in short pieces of its part" in page
-    tab.run("document.getElementById('added').scrollIntoView()")
+    tab.until("document.querySelectorAll('.fall tr').length >= 4")
     picture(tab, "added")
-    tab.click("#added button")
+    tab.key("6")
+    tab.until(f"{shown('inspector')}.includes('Better on motion that no fit has seen')")
+    tab.key("7")
+    tab.click(f"#inspector [data-promote='{version}']")
+    tab.until("Boolean(document.getElementById('reason'))")
+    tab.run("document.getElementById('reason').value = 'it follows the worn finger'")
+    tab.click("#reason-yes")
     tab.until(f"{shown('said')}.includes('in use now')")
+    assert "it follows the worn finger" in processes.run("versions", "show", version)[1]
 
     viewer.until(f"{shown('about')}.includes('{version[:12]}')", 30.0)  # the daemon has taken it up
     tab.call("Page.reload")
     tab.until(mark("ready"))
-    tab.key("4")
+    tab.until(mark("judged"), 60.0)  # the address keeps what was open
+    show(tab, "history")
     tab.until(f"document.querySelector('#versions tr.current').innerText.includes('{version[:12]}')")
     assert "viscous_friction at rh_FFJ3" in tab.run("document.querySelector('#versions tr.current').innerText")
+    assert tab.run("document.querySelector('#versions tbody tr').dataset.version") == "nominal"
+    open_source(viewer, worn.name)
+    viewer.until(mark("judged"), 60.0)
+    viewer.run("document.querySelector('[data-step=diagnose]').click()")
+    viewer.until("Boolean(document.getElementById('diagnose'))")
     assert viewer.run("[...document.querySelectorAll('#keep, #diagnose, #ladder, #add')].every((one) => one.disabled)")
     processes.end(daemon)
     viewer.until(f"{shown('presence')} === 'away'")
-    assert "goes on by itself" in viewer.run(shown("words"))
+    assert "goes on by itself" in viewer.run("document.getElementById('words').textContent")
     assert tab.console == viewer.console == []
 
 
@@ -152,19 +199,17 @@ def test_names_are_text_and_errors_are_said(
     served = workbench("--recording", str(tmp_path / f"{NASTY}.mcap"), str(tmp_path / "broken.mcap"))
     tab = browser.open(served.page)
     tab.until(f"{shown('presence')} === 'unreachable'")
-    assert "twin run" in tab.run(shown("words"))
+    assert "twin run" in tab.run("document.getElementById('words').textContent")
     tab.until(mark("ready"))
-    tab.key("2")
-    choose(tab, "recording", NASTY)
+    open_source(tab, NASTY)
     tab.until(f"{shown('opened')}.startsWith({json.dumps(NASTY)})", 60.0)
     tab.until(mark("judged"), 60.0)
-    tab.key("4")
+    show(tab, "history")
     tab.until(f"document.getElementById('versions').innerText.includes({json.dumps(NASTY)})")
     assert tab.run("document.images.length") == 0
     assert tab.run("document.title") != "run"
 
-    tab.key("2")
-    choose(tab, "recording", "broken.mcap")
+    open_source(tab, "broken.mcap")
     tab.until(f"{shown('said')}.includes('broken.mcap')")
     tab.click("#said button")
     # a refused request is in the browser's console by the browser's own doing; nothing else is

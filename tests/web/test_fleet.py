@@ -73,7 +73,7 @@ def test_hands_of_one_router_are_listed_shown_and_stopped_each_by_itself(
         assert health["joint_states"]["received"] > 0
 
     # what the workbench has not seen yet, too, is answered with its first hand
-    until(lambda: '"bones":[]' in served.ask("/?hand=lab%2Farm")[1].replace(" ", ""), 10.0)
+    until(lambda: '"scene":false' in served.ask("/?hand=lab%2Farm")[1].replace(" ", ""), 10.0)
     assert served.ask("/?hand=nobody")[1] == served.ask("/")[1]
     with pytest.raises(InvalidStatus, match="403"):
         connect(f"ws://{served.host}/live?hand=nobody")

@@ -7,7 +7,7 @@ from typing import Any
 
 from tests.simulation.made import worn_finger
 from tests.web.browser import Browser
-from tests.web.test_browser import choose, mark, shown
+from tests.web.test_browser import mark, open_source, show, shown
 from twin_daemon.hand import load_hand
 from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
@@ -36,15 +36,25 @@ def test_nothing_is_wider_than_a_phone_and_errors_go_with_success(
     tab.call("Emulation.setDeviceMetricsOverride", width=WIDTH, height=844, deviceScaleFactor=2, mobile=True)
     tab.go(workbench("--folder", str(tmp_path)).page)
     tab.until(mark("ready"))
-    for view in "1234":
-        tab.key(view)
-        if view == "2":
-            choose(tab, "recording", broken)
-            tab.until(f"{shown('said')}.includes('broken.mcap')")
-            choose(tab, "recording", bag.stem)
-            tab.until(mark("judged"), 60.0)
-            tab.until("document.getElementById('said').hidden")  # what failed before is over
-        if view == "4":
+    panels = tab.run("[...document.querySelectorAll('#one-panel [data-panel]')].map((one) => one.dataset.panel)")
+    assert {"inspector", "sidebar", "plots", "hand", "dependence", "tables", "fall", "history", "effects"} <= set(
+        panels
+    )
+    show(tab, "sidebar")
+    open_source(tab, broken)
+    tab.until(f"{shown('said')}.includes('broken.mcap')")
+    open_source(tab, bag.stem)
+    tab.until(mark("judged"), 60.0)
+    tab.until("document.getElementById('said').hidden")  # what failed before is over
+    for panel in panels:
+        tab.click(f"#one-panel [data-panel='{panel}']")
+        assert tab.run("document.querySelectorAll('.single > *').length") == 1, "one at a time"
+        if panel == "history":
             tab.until("document.getElementById('versions').innerText.includes('stribeck')")
-        assert tab.run("innerWidth") == WIDTH, (view, tab.run(_WIDER))
-        assert tab.run("document.documentElement.scrollWidth") <= WIDTH, (view, tab.run(_WIDER))
+        assert tab.run("innerWidth") == WIDTH, (panel, tab.run(_WIDER))
+        assert tab.run("document.documentElement.scrollWidth") <= WIDTH, (panel, tab.run(_WIDER))
+    for step in range(7):
+        tab.run(f"document.getElementById('step-small').selectedIndex = {step}")
+        tab.run("document.getElementById('step-small').dispatchEvent(new Event('change'))")
+        show(tab, "inspector")
+        assert tab.run("document.documentElement.scrollWidth") <= WIDTH, (step, tab.run(_WIDER))

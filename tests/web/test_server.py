@@ -146,6 +146,8 @@ def test_no_word_of_the_page_becomes_an_option(workbench: Any, tmp_path: Path) -
         status, answer = served.ask("/api/job/add", right | wrong)
         assert status == 400, wrong
         assert next(iter(wrong.values())) in answer["error"]
+    for wrong in (0, "soon", 1e9, True):
+        assert served.ask("/api/job/diagnose", right | {"within_s": wrong})[0] == 400, wrong
     assert served.ask("/api/job?kind=add")[1] == {"status": "none"}
     assert served.ask("/api/job/stop", {})[0] == 400
     assert served.ask("/api/job/add", right)[0] == 200

@@ -34,6 +34,13 @@ Folders = Annotated[
     typer.Option("--folder", metavar="FOLDER...", help="Folders of recordings to offer; default: the state folder's."),
 ]
 
+MostUpload = Annotated[
+    int,
+    typer.Option(
+        "--most-upload", metavar="MB", min=0, max=1_000_000, help="Largest recording that may be dropped on the page."
+    ),
+]
+
 Fleet = Annotated[
     bool, typer.Option("--fleet", help="Show every hand on the network; recordings and versions are --hand's.")
 ]
@@ -52,6 +59,7 @@ def command(
     namespace: Namespace = None,
     endpoint: Endpoint = None,
     fleet: Fleet = False,
+    most_upload: MostUpload = 4096,
     seconds: options.Seconds = None,
 ) -> int:
     """Serve the workbench: live hand and twin, recordings against versions, diagnosis, ladder, history.
@@ -66,14 +74,17 @@ def command(
     from twin_daemon.web.app import build
     from twin_daemon.web.authorization import LOOPBACK, looking_token, new_token
     from twin_daemon.web.compare import Compare
+    from twin_daemon.web.dependence import Dependence
     from twin_daemon.web.hands import Hands
     from twin_daemon.web.history import History
     from twin_daemon.web.jobs import Jobs
     from twin_daemon.web.learn import Learn
     from twin_daemon.web.library import Library
     from twin_daemon.web.model_cache import ModelCache
+    from twin_daemon.web.scene import Scene
     from twin_daemon.web.server import listen, serve
-    from twin_daemon.web.skeleton import Skeleton
+    from twin_daemon.web.space import Space
+    from twin_daemon.web.uploads import Uploads
 
     logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(levelname)s %(message)s")
     chosen = load_named(hand, model, namespace)
@@ -93,9 +104,11 @@ def command(
     options_of_data = [*(["--trajectory", trajectory] if trajectory else [])]
     options_of_data += ["--joint-map", str(joint_map.absolute())] if joint_map else []
     learn = Learn(library, cache, jobs, options_of_data)
-    hands = Hands(chosen.description, Skeleton(cache.nominal), where, fleet=fleet)
-    routes = [*compare.routes, *learn.routes, *History(cache.store).routes]
-    app = build(chosen, hands, token, hosts, routes, [jobs.close, cache.close], local=local)
+    hands = Hands(chosen.description, Scene(cache.nominal), where, fleet=fleet)
+    uploads = Uploads(library.folders[0], library, cache, most_upload)
+    views = (compare, learn, History(cache.store), Dependence(library, cache, jobs), Space(library, cache), uploads)
+    routes = [route for view in views for route in view.routes]
+    app = build(chosen, hands, token, hosts, routes, [jobs.close, cache.close, uploads.close], local=local)
     name_shown = socket.gethostname() if bind in ("0.0.0.0", "::") else shown
     look = "" if local else f"#look={looking_token(token)}"
     address = f"http://{name_shown}:{listener.getsockname()[1]}/"

@@ -171,11 +171,11 @@ class VersionStore:
             self.registry.decide("rejected", version=version.id)
         return version
 
-    def rollback(self, expected: str | None = None) -> Version:
+    def rollback(self, expected: str | None = None, *, reason: str | None = None) -> Version:
         """Make the previous version current again; below the first promotion lies the nominal model, where it ends.
 
         Raises BadInput where the previous version is damaged. With `expected` (an id) nothing moves unless that version
-        is current: whoever found it bad may be late.
+        is current: whoever found it bad may be late. The reason stands in the log of decisions.
         """
         with self.writing():
             names = self.aliases()
@@ -186,7 +186,7 @@ class VersionStore:
             if PREVIOUS not in names:
                 return self.get(NOMINAL)
             version = self._usable(names[PREVIOUS])
-            self.registry.decide("rolled_back", version=version.id)
+            self.registry.decide("rolled_back", version=version.id, text=(reason or "").strip() or None)
         return version
 
     def note(self, reference: str, text: str) -> Version:

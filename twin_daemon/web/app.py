@@ -10,8 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
-import plotly
-import plotly.offline
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
@@ -22,11 +20,9 @@ from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 
 from twin_daemon.errors import BadInput, NoAnswer, Refused, TwinError, UsageError
-from twin_daemon.figures.style import DARK
 from twin_daemon.hand import Hand
 from twin_daemon.jsonable import plain
 from twin_daemon.report.chart import in_script
-from twin_daemon.report.page import style
 from twin_daemon.services.stop_report import OWN_STOP
 from twin_daemon.web.authorization import ENTER, Authorization, looking_cookie, looking_token
 from twin_daemon.web.hands import Hands, View
@@ -67,7 +63,6 @@ def build(
                 await run_in_threadpool(end)
 
     template = _template()
-    plotly_js = plotly.offline.get_plotlyjs()
 
     async def index(request: Request) -> Response:
         try:
@@ -83,15 +78,6 @@ def build(
         answer.set_cookie(looking_cookie(token), looking_token(token), httponly=True, samesite="strict")
         return answer
 
-    plotly_path = f"/plotly-{plotly.__version__}.js"
-
-    async def plotly_file(_request: Request) -> Response:
-        forever = {"Cache-Control": "private, max-age=31536000, immutable"}  # its name holds its version
-        return Response(plotly_js, media_type="text/javascript", headers=forever)
-
-    async def style_file(_request: Request) -> Response:
-        return Response(style(), media_type="text/css")
-
     def stop(body: dict[str, Any]) -> dict[str, Any]:
         try:
             live = hands.addressed(body.get("hand"))
@@ -106,8 +92,6 @@ def build(
     routes: list[BaseRoute] = [
         Route("/", index),
         Route(ENTER, enter, methods=["POST"]),
-        Route(plotly_path, plotly_file),
-        Route("/report.css", style_file),
         WebSocketRoute("/live", stream_of(hands)),
         posting("/api/keep", lambda body: hands.addressed(body.get("hand")).keep()),
         posting(_STOP, stop),
@@ -126,7 +110,7 @@ def build(
                 hosts=tuple(hosts),
                 free=(_STOP, _CANCEL),
                 local=local,
-                public=("/static/", plotly_path, "/report.css"),
+                public=("/static/",),
                 entrance=(_HERE / "templates" / "entrance.html").read_text(encoding="utf-8"),
             )
         ],
@@ -197,19 +181,12 @@ def _page(template: jinja2.Template, hand: Hand, view: View, fleet: bool) -> str
     description = view.description
     facts = {
         "joints": list(description.joints),
-        "bones": view.skeleton.bones if view.skeleton is not None else (),
-        "dark": DARK,
+        "hand": description.name,
+        "kept_of": hand.name,
+        "driver_stop": description.stop is not None,
+        "scene": view.scene is not None,
         "namespace": description.namespace,
         "fleet": fleet,
         "own": view.own,
     }
-    return template.render(
-        hand=description.name,
-        kept_of=hand.name,
-        namespace=description.namespace,
-        fleet=fleet,
-        own=view.own,
-        driver_stop=description.stop is not None,
-        plotly_version=plotly.__version__,
-        facts=in_script(plain(facts)),
-    )
+    return template.render(namespace=description.namespace, facts=in_script(plain(facts)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -11,25 +10,25 @@ from starlette.requests import Request
 from starlette.routing import BaseRoute
 
 from twin_daemon.comparison.compare import mean_over_moving, noise_floor
-from twin_daemon.comparison.conditions import errors_by_condition
+from twin_daemon.comparison.conditions import CONDITIONS, errors_by_condition
 from twin_daemon.errors import BadInput
-from twin_daemon.figures.conditions import conditions_figure
 from twin_daemon.figures.reduce import keep_extremes
-from twin_daemon.figures.state import state_figure
-from twin_daemon.report.chart import Chart, chart
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.versions import NOMINAL
 from twin_daemon.web.app import reading
 from twin_daemon.web.library import Library
 from twin_daemon.web.model_cache import ModelCache
 from twin_daemon.web.numbers import listed
+from twin_daemon.web.queries import number, onset
 
 BUCKETS = 400
 """Stretches that a chart is drawn from; of each the lowest and highest sample of every curve is kept."""
 
-_MOST_VERSIONS = 2
+_MOST_VERSIONS = 3
 _MOST_JOINTS = 64
-_WORST = 12
+_WORST = 8
+_SPARKS = 60  # stretches of a sparkline
+_TIMELINE = 600
 _DIGITS = 6  # micro-radians
 
 
@@ -46,7 +45,7 @@ class Compare:
             reading("/api/recording", self._opened),
             reading("/api/window", self._window),
             reading("/api/errors", self._errors),
-            reading("/api/residual-over-state", self._state),
+            reading("/api/overview", self._overview),
         ]
 
     def _opened(self, request: Request) -> dict[str, Any]:
@@ -74,9 +73,9 @@ class Compare:
         if unknown or len(joints) > _MOST_JOINTS:
             raise BadInput(f"no joint '{(unknown or joints)[0]}'", allowed=", ".join(aligned.joints))
         end_s = float(aligned.time_s[-1])
-        begin_s, until_s = _number(request, "from", 0.0), _number(request, "to", end_s)
-        lag_s = 1e-3 * _number(request, "lag_ms", 0.0)
-        onset_s = _onset(request)
+        begin_s, until_s = number(request, "from", 0.0), number(request, "to", end_s)
+        lag_s = 1e-3 * number(request, "lag_ms", 0.0)
+        onset_s = onset(request)
         comparisons = {version: self._cache.comparison(path, version, onset_s) for version in versions}
         first, last = np.searchsorted(aligned.time_s, [begin_s, until_s], side="left")
         # one sample beyond either end, so that the lines leave the chart
@@ -118,17 +117,14 @@ class Compare:
         return aligned.controls(self._cache.nominal, time_s) @ np.linalg.pinv(drive)[column]
 
     def _errors(self, request: Request) -> dict[str, Any]:
-        """Errors by joint, and by condition as a figure; `pending` while the twin is being rolled out."""
+        """Errors by joint, and by condition with the worst first; `pending` while the twin is being rolled out."""
         path = self._path(request)
         (version,) = self._versions(request)[:1]
-        found = self._cache.comparison(path, version, _onset(request))
+        found = self._cache.comparison(path, version, onset(request))
         if found is None:
             return {"pending": True}
         moving = {name: error for name, error in found.joints.items() if error.moves}
         conditions = errors_by_condition([(found.aligned, found.predicted)])
-        names = list(dict.fromkeys(one.joint for one in conditions))
-        words = "Root mean square residual in mrad of each joint (rows) under each condition (columns)."
-        heat = chart("conditions", conditions_figure(conditions), words, kind="conditions", legend=False)
         return {
             "pending": False,
             "version": version,
@@ -138,22 +134,36 @@ class Compare:
             "onset_s": found.aligned.onset_s,
             "onset_estimated": found.aligned.onset_free,
             "joints": dict(sorted(moving.items(), key=lambda item: -item[1].mse_rad2)),
-            "heat": as_spec(heat) if conditions else None,
-            "heat_joints": names,
-            "worst": conditions[:_WORST],
+            "conditions": conditions,
+            "condition_names": CONDITIONS,
         }
 
-    def _state(self, request: Request) -> dict[str, Any]:
-        """The residual of one joint over position and velocity, as a figure."""
-        path, joint = self._path(request), request.query_params.get("joint", "")
+    def _overview(self, request: Request) -> dict[str, Any]:
+        """The residual at a glance: of each moving joint its largest in each of some stretches (mrad, with its sign),
+        of all of them the root mean square over time, and the moments that are worth a look; worst joints first."""
+        path = self._path(request)
         (version,) = self._versions(request)[:1]
-        found = self._cache.comparison(path, version, _onset(request))
+        found = self._cache.comparison(path, version, onset(request))
         if found is None:
             return {"pending": True}
-        if joint not in found.joints or not found.joints[joint].moves:
-            raise BadInput(f"'{joint}' does not move in this recording")
-        words = f"{joint}: median residual over position and over velocity, by direction."
-        return {"pending": False, "figure": as_spec(chart("state", state_figure([found], joint), words))}
+        moving = [(i, name) for i, name in enumerate(found.aligned.joints) if found.aligned.moving[i]]
+        moving.sort(key=lambda one: -found.joints[one[1]].mse_rad2)
+        residual = np.nan_to_num(found.residual)
+        columns = residual[:, [i for i, _ in moving]]
+        rms = np.sqrt(np.mean(columns**2, axis=1)) if moving else np.zeros(len(residual))
+        conditions = errors_by_condition([(found.aligned, found.predicted)])
+        return {
+            "pending": False,
+            "seconds": float(found.aligned.time_s[-1]),
+            "joints": [
+                {"name": name, "rmse_rad": found.joints[name].rmse_rad, "spark": _peaks(residual[:, i], _SPARKS)}
+                for i, name in moving
+            ],
+            "rms_mrad": _peaks(rms, _TIMELINE),
+            "worst": [
+                {"joint": one.joint, "condition": one.condition, "time_s": one.worst_s} for one in conditions[:_WORST]
+            ],
+        }
 
     def _path(self, request: Request) -> Path:
         return self._library.path(request.query_params.get("recording", ""))
@@ -165,24 +175,7 @@ class Compare:
         return list(dict.fromkeys(self._cache.version_id(reference) for reference in given))
 
 
-def as_spec(one: Chart) -> dict[str, Any]:
-    """A figure as the page draws it."""
-    return {**json.loads(one.spec), "words": one.words, "height": one.height}
-
-
-def _onset(request: Request) -> float | None:
-    """s: when the commands begin, where the page says so."""
-    return _number(request, "onset_s", 0.0) if request.query_params.get("onset_s") else None
-
-
-def _number(request: Request, name: str, default: float) -> float:
-    text = request.query_params.get(name)
-    if text is None:
-        return default
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not np.isfinite(value):
-        raise BadInput(f"'{text:.40}' is no number", where=name)
-    return value
+def _peaks(values: np.ndarray, buckets: int) -> list[Any]:
+    """Of each of so many stretches of (n,) rad the value farthest from zero, in mrad."""
+    parts = np.array_split(1e3 * values, min(buckets, len(values)))
+    return listed(np.array([part[np.argmax(np.abs(part))] for part in parts]), 3)

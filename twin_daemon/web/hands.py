@@ -15,7 +15,7 @@ from twin_daemon.errors import BadInput, NoAnswer
 from twin_daemon.hand import HandDescription
 from twin_daemon.services.guard import Guard
 from twin_daemon.web.live import Live
-from twin_daemon.web.skeleton import Skeleton
+from twin_daemon.web.scene import Scene
 
 log = logging.getLogger(__name__)
 
@@ -29,22 +29,22 @@ _LOOK_EVERY_S = 1.0
 class View:
     """One hand as the page shows it. `own`: the recordings and versions of this workbench are of such a hand.
 
-    Without a `skeleton` (another hand's model is not here) it is not shown in space.
+    Without a `scene` (another hand's model is not here) it is not shown in space.
     """
 
     description: HandDescription
     live: Live
-    skeleton: Skeleton | None
+    scene: Scene | None
     own: bool
 
 
 class Hands:
     """Live links, from `start` to `close`; with `fleet` one to each hand on the network that somebody looked at."""
 
-    def __init__(self, own: HandDescription, skeleton: Skeleton, endpoint: str, *, fleet: bool) -> None:
+    def __init__(self, own: HandDescription, scene: Scene, endpoint: str, *, fleet: bool) -> None:
         self.fleet = fleet
         self._own = own
-        self._skeleton = skeleton
+        self._scene = scene
         self._endpoint = endpoint
         self._guard = Guard(log)
         self._lock = threading.Lock()
@@ -127,7 +127,7 @@ class Hands:
             raise NoAnswer("the workbench stops")
         live = Live(description, self._endpoint)
         live.start(self._connection)
-        return View(description, live, self._skeleton if own else None, own)
+        return View(description, live, self._scene if own else None, own)
 
     def _is_own(self, seen: HandSeen) -> bool:
         return seen.hand == self._own.name and set(seen.joints) == set(self._own.joints)

@@ -9,13 +9,10 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute
 
 from twin_daemon.errors import BadInput
-from twin_daemon.figures.ladder import ladder_figure
-from twin_daemon.report.chart import chart
 from twin_daemon.versions import NOMINAL, Version, VersionStore, diff
 from twin_daemon.versions.lineage import tree
 from twin_daemon.versions.standing import known_errors, worse_than
 from twin_daemon.web.app import posting, reading
-from twin_daemon.web.compare import as_spec
 
 _LONGEST_LADDER = 20
 
@@ -35,7 +32,7 @@ class History:
             reading("/api/versions/ladder", self._ladder),
             reading("/api/versions/export", self._export),
             posting("/api/versions/promote", self._promote),
-            posting("/api/versions/rollback", lambda _: self._moved(self._store.rollback())),
+            posting("/api/versions/rollback", self._rollback),
         ]
 
     def _list(self) -> dict[str, Any]:
@@ -74,7 +71,7 @@ class History:
         return {"name": name, "points": points}
 
     def _ladder(self, request: Request) -> dict[str, Any]:
-        """The errors from the nominal model to a version, one step for each version on the way, as a figure."""
+        """The errors from the nominal model to a version, one step for each version on the way."""
         version = self._store.get(request.query_params.get("version", ""))
         chain = [version]
         while chain[0].parent and len(chain) < _LONGEST_LADDER:
@@ -87,10 +84,7 @@ class History:
             step = {"effect": one.title or one.kind, "target": one.short_id, "parameters": values}
             errors = {"mse_rad2": _error(one, "after"), "holdout_mse_rad2": _error(one, "holdout_after")}
             steps.append(step | errors)
-        figure = ladder_figure("", steps, {}, None).update_layout(height=420)
-        figure.update_xaxes(range=[-0.4, len(steps) - 0.6])
-        words = "The error by what was added, on fitted and on held-out motion."
-        return {"version": version.id, "steps": steps, "figure": as_spec(chart("ladder", figure, words))}
+        return {"version": version.id, "steps": steps}
 
     def _export(self, request: Request) -> Response:
         reference = request.query_params.get("version", "")
@@ -100,8 +94,11 @@ class History:
         return Response(mjcf, media_type="application/xml", headers=headers)
 
     def _promote(self, body: dict[str, Any]) -> dict[str, Any]:
-        force, reason = body.get("force") is True, str(body.get("reason") or "") or None
+        force, reason = body.get("force") is True, str(body.get("reason") or "")[:400] or None
         return self._moved(self._store.promote(str(body.get("version", "")), reason=reason, force=force))
+
+    def _rollback(self, body: dict[str, Any]) -> dict[str, Any]:
+        return self._moved(self._store.rollback(reason=str(body.get("reason") or "")[:400] or None))
 
     def _moved(self, version: Version) -> dict[str, Any]:
         return {"current": version.id, "title": version.title or version.kind}

@@ -1,4 +1,4 @@
-"""Long work for the page, each in a process of its own: `twin diagnose`, `add` and `ladder`, one at a time."""
+"""Long work for the page, each in a process of its own: `twin check`, `diagnose`, `add` and `ladder`, one at a time."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from typing import Any, Literal
 from twin_daemon.errors import BadInput, Refused
 from twin_daemon.resources import step_back, twin_command
 
-Kind = Literal["diagnose", "add", "ladder"]
+Kind = Literal["check", "diagnose", "add", "ladder"]
 Status = Literal["running", "done", "failed", "stopped"]
 
 _NICE = 10  # below what is live, but somebody waits for it
@@ -30,7 +30,8 @@ _WIDE = {"COLUMNS": "300", "TERM": "dumb", "NO_COLOR": "1"}  # lines as they are
 
 @dataclass
 class Job:
-    """One process. `lines` are what it said so far, `result` what it wrote in the end, to `path`."""
+    """One process. `lines` are what it said so far, `result` what it wrote in the end, to `path`;
+    `limit_s` is after how long it ends by itself, where somebody said so."""
 
     number: int
     kind: Kind
@@ -44,6 +45,7 @@ class Job:
     error: str | None = None
     stopping: bool = False
     ended_s: float | None = None
+    limit_s: float | None = None
 
 
 class Jobs:
@@ -58,7 +60,7 @@ class Jobs:
         self._thread: threading.Thread | None = None
         self._folder = tempfile.TemporaryDirectory(prefix="twin-workbench-")
 
-    def start(self, kind: Kind, arguments: Sequence[str], about: dict[str, str]) -> Job:
+    def start(self, kind: Kind, arguments: Sequence[str], about: dict[str, str], limit_s: float | None = None) -> Job:
         """Begins `twin KIND ARGUMENTS`. Raises Refused while another one runs."""
         with self._lock:
             if self._running is not None:
@@ -76,7 +78,7 @@ class Jobs:
                 start_new_session=True,  # a Ctrl-C for the server ends it in order, by `close`
             )
             step_back(process.pid, _NICE)
-            job = Job(number, kind, about, process, target, time.time())
+            job = Job(number, kind, about, process, target, time.time(), limit_s=limit_s)
             self._latest[kind] = self._running = job
             self._thread = threading.Thread(target=self._follow, args=(job, target), name="twin-job", daemon=True)
             self._thread.start()

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 from pydantic import ValidationError
 from starlette.requests import Request
 from starlette.routing import BaseRoute
@@ -13,23 +13,21 @@ from starlette.routing import BaseRoute
 from twin_daemon.diagnosis.verdict import IN_WORDS, Diagnosis, LadderResult
 from twin_daemon.effects import LIBRARY
 from twin_daemon.errors import BadInput, nearest
-from twin_daemon.figures.effect import effect_figure
-from twin_daemon.figures.style import REFERENCE, TWIN, label, styled
 from twin_daemon.places import HAND, ROBOT
-from twin_daemon.report.chart import chart
-from twin_daemon.report.page import diagnosis_section, ladder_chart
 from twin_daemon.signals.trajectory import load_trajectory
 from twin_daemon.simulation.follow import follow
 from twin_daemon.simulation.signature import signature
 from twin_daemon.versions import NOMINAL
 from twin_daemon.web.app import posting, reading
-from twin_daemon.web.compare import as_spec
 from twin_daemon.web.jobs import Job, Jobs, Kind
 from twin_daemon.web.library import Library
 from twin_daemon.web.model_cache import ModelCache
+from twin_daemon.web.numbers import listed
 
 _MOST_STEPS = 12
 _MOST_CURVES = 8
+_LONGEST_S = 86_400.0
+_MOST_POINTS = 1500  # of a curve
 
 
 class Learn:
@@ -46,6 +44,7 @@ class Learn:
             reading("/api/effect", self._effect),
             reading("/api/job", self._job),
             reading("/api/experiment", lambda _: self._experiment()),
+            posting("/api/job/check", self._check),
             posting("/api/job/diagnose", self._diagnose),
             posting("/api/job/add", self._add),
             posting("/api/job/ladder", self._ladder),
@@ -54,12 +53,21 @@ class Learn:
 
     # -- starting ------------------------------------------------------------------------------------------
 
+    def _check(self, body: dict[str, Any]) -> dict[str, Any]:
+        arguments, about = self._common({**body, "holdout": None})
+        return self._begun("check", arguments, about)
+
     def _diagnose(self, body: dict[str, Any]) -> dict[str, Any]:
         arguments, about = self._common(body)
         joints = body.get("joints") or []
         if joints:
             arguments += ["--joints", *(self._place(name) for name in joints)]
-        return self._begun("diagnose", arguments, about)
+        limit_s = body.get("within_s")
+        if limit_s is not None:
+            if isinstance(limit_s, bool) or not isinstance(limit_s, (int, float)) or not 1.0 <= limit_s <= _LONGEST_S:
+                raise BadInput(f"within_s is {limit_s!s:.40}", allowed=f"1 to {_LONGEST_S:.0f} s")
+            arguments += ["--within", f"{limit_s:.0f}"]
+        return {"number": self._jobs.start("diagnose", arguments, about, limit_s).number}
 
     def _add(self, body: dict[str, Any]) -> dict[str, Any]:
         arguments, about = self._common(body)
@@ -122,14 +130,14 @@ class Learn:
         """What a typical amount of an effect does to a motion of the model. Nothing moves."""
         key, place = (request.query_params.get(name, "") for name in ("effect", "place"))
         found = signature(self._cache.nominal, key, self._place(place))
-        words = (
-            f"A motion of {found.name} as commanded, without {key} and with it ({found.amounts}); below the difference."
-        )
-        return {"figure": as_spec(chart("effect", effect_figure(key, found), words)), "words": words}
+        every = max(len(found.time_s) // _MOST_POINTS, 1)
+        curves = {name: listed(getattr(found, name)[::every], 5) for name in ("commanded", "without", "with_effect")}
+        words = f"A motion of {found.name} as commanded, without {key} and with it ({found.amounts})."
+        return {"words": words, "name": found.name, "time_s": listed(found.time_s[::every], 4), **curves}
 
     def _job(self, request: Request) -> dict[str, Any]:
         """The last job of a kind: what it said after line `after` and, when it has ended, what came of it."""
-        kinds: dict[str, Kind] = {"diagnose": "diagnose", "add": "add", "ladder": "ladder"}
+        kinds: dict[str, Kind] = {"check": "check", "diagnose": "diagnose", "add": "add", "ladder": "ladder"}
         kind = kinds.get(request.query_params.get("kind", ""))
         if kind is None:
             raise BadInput("no such work", allowed=", ".join(kinds))
@@ -145,25 +153,20 @@ class Learn:
             "lines": job.lines[after:],
             "count": len(job.lines),
             "error": job.error,
-            "seconds": (job.ended_s or job.began_s) - job.began_s,
+            "limit_s": job.limit_s,
+            "seconds": (job.ended_s or time.time()) - job.began_s,
             "result": None if job.result is None else self._shown(job),
         }
 
     def _shown(self, job: Job) -> dict[str, Any]:
         assert job.result is not None
+        if job.kind == "check":
+            return job.result
         try:
             if job.kind == "diagnose":
                 found = Diagnosis.model_validate(job.result)
-                findings = [{"effect": one.effect, "target": one.target} for one in found.findings]
-                proposed = found.next_experiment is not None
-                words = IN_WORDS[found.verdict]
-                html = str(diagnosis_section(found))
-                return {
-                    "verdict": found.verdict,
-                    "words": words,
-                    "findings": findings,
-                    "html": html,
-                    "proposed": proposed,
+                return found.model_dump(mode="json", by_alias=True, exclude={"terms"}) | {
+                    "words": IN_WORDS[found.verdict]
                 }
             if job.kind == "ladder":
                 ladder = LadderResult.model_validate(job.result)
@@ -171,7 +174,8 @@ class Learn:
                 return {
                     "version": ladder.version if steps else None,
                     "words": f"{steps} effects were added. {ladder.reason}",
-                    "figure": as_spec(ladder_chart(ladder)),
+                    "steps": [step.model_dump(mode="json") for step in ladder.steps],
+                    "noise_floor_rad2": ladder.noise_floor_rad2,
                 }
         except ValidationError as error:
             raise BadInput(f"what twin {job.kind} wrote cannot be read: {error.errors()[0]['msg']}") from None
@@ -194,16 +198,17 @@ class Learn:
         driven = positions @ twin.drive.T
         travel = np.ptp(controls, axis=0)
         moving = [column for column in np.argsort(-travel) if travel[column] > 0.0][:_MOST_CURVES]
-        figure = go.Figure()
-        every = max(len(time_s) // 1500, 1)
-        for column in moving:
-            name = label(twin.actuators[column])
-            for values, words, colour, dash in (
-                (controls[:, column], f"{name}, commanded", REFERENCE, "dot"),
-                (driven[:, column], f"{name}, the twin", TWIN, "solid"),
-            ):
-                line = {"color": colour, "dash": dash}
-                figure.add_trace(go.Scatter(x=time_s[::every], y=values[::every], name=words, mode="lines", line=line))
-        styled(figure, "", height=360).update_xaxes(title_text="time (s)").update_yaxes(title_text="rad")
-        words = "The proposed motion as commanded, and as the twin follows it."
-        return {"figure": as_spec(chart("experiment", figure, words)), "why": proposed["why"], "path": proposed["path"]}
+        every = max(len(time_s) // _MOST_POINTS, 1)
+        curves = {
+            twin.actuators[column]: {
+                "commanded": listed(controls[::every, column], 5),
+                "followed": listed(driven[::every, column], 5),
+            }
+            for column in moving
+        }
+        return {
+            "time_s": listed(time_s[::every], 4),
+            "curves": curves,
+            "why": proposed["why"],
+            "path": proposed["path"],
+        }

@@ -13,7 +13,9 @@ from pathlib import Path
 
 from twin_daemon.errors import BadInput
 
-_SUFFIXES = (".mcap", ".bag", ".db3", ".csv", ".csv.gz")
+SUFFIXES = (".mcap", ".bag", ".db3", ".csv", ".csv.gz")
+"""How the names of single files end that are taken for recordings."""
+
 _SIGNS_OF_A_FOLDER = ("metadata.yaml", "control.csv")
 _MOST_LISTED = 500
 
@@ -51,6 +53,16 @@ class Library:
                 return path
         raise BadInput("this recording is not there any more", todo="Choose another one of the list")
 
+    @property
+    def folders(self) -> list[Path]:
+        """Where it looks."""
+        return list(self._folders)
+
+    @staticmethod
+    def offer_id(path: Path) -> str:
+        """What a page asks with for a file of the folders."""
+        return _id(path)
+
     def _in_folders(self) -> Iterator[Path]:
         for folder in self._folders:
             try:
@@ -64,7 +76,7 @@ def _looks_like_one(path: Path) -> bool:
     kind = _kind(path)
     if kind == stat.S_IFDIR:
         return any(_kind(path / sign) == stat.S_IFREG for sign in _SIGNS_OF_A_FOLDER)
-    return kind == stat.S_IFREG and path.name.endswith(_SUFFIXES)
+    return kind == stat.S_IFREG and path.name.endswith(SUFFIXES)
 
 
 def _kind(path: Path) -> int:

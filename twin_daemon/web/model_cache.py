@@ -26,7 +26,7 @@ from twin_daemon.versions import VersionStore
 
 _BELOW_THE_DAEMON = 10  # nice
 _MOST_RECORDINGS = 3
-_MOST_COMPARISONS = 6
+_MOST_COMPARISONS = 8  # three versions and three candidates of what is open, and two of another recording
 _MOST_TWINS = 8
 Value = TypeVar("Value")
 
@@ -63,18 +63,21 @@ class ModelCache:
         """(j,) bool: the joints that move in a recording. Raises BadInput."""
         return self._once(self._moving, _state_of(path), lambda: self.recording(path).moving, _MOST_RECORDINGS)
 
-    def comparison(self, path: Path, version_id: str, onset_s: float | None = None) -> Comparison | None:
+    def comparison(
+        self, path: Path, version_id: str, onset_s: float | None = None, changed: TwinModel | None = None
+    ) -> Comparison | None:
         """The recording against the twin of a version; None while that is being computed. Raises BadInput.
 
-        `onset_s` is when the commands begin, where somebody knows better than the estimate.
+        `onset_s` is when the commands begin, where somebody knows better than the estimate; `changed` is the twin of
+        the version with something more.
         """
-        key = (*_state_of(path), version_id, onset_s)
+        key = (*_state_of(path), version_id, onset_s, changed and changed.terms.model_dump_json())
 
         def compared() -> Comparison:
             aligned = self.recording(path)
             if onset_s is not None and aligned.onset_free:
                 aligned = replace(aligned, onset_s=onset_s, onset_free=False)
-            return compare_recording(self.twin(version_id), aligned)
+            return compare_recording(changed or self.twin(version_id), aligned)
 
         with self._lock:
             future = self._comparisons.get(key)
@@ -83,6 +86,11 @@ class ModelCache:
                 self._keep(self._comparisons, key, future, _MOST_COMPARISONS)
             self._comparisons.move_to_end(key)
         return future.result() if future.done() else None
+
+    def screen(self, path: Path) -> None:
+        """Reads a recording that is not offered yet, as any of a stranger. Raises BadInput where it is none of this
+        hand's."""
+        self._read(path)
 
     def warm(self, path: Path) -> None:
         """Reads a recording before anybody asks for it."""

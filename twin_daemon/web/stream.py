@@ -24,7 +24,7 @@ def stream_of(hands: Hands) -> Callable[[WebSocket], Awaitable[None]]:
     """The end point of a websocket that sends frames until either side goes.
 
     A browser that reads slowly gets fewer frames, each with all that was new; nothing piles up here. With
-    `?space=1` each frame has the points of measured and predicted hand as well. `?hand=` names which hand.
+    `?space=1` each frame has the poses of the bodies of measured and predicted hand as well. `?hand=` names which hand.
     """
 
     async def stream(socket: WebSocket) -> None:
@@ -38,13 +38,13 @@ def stream_of(hands: Hands) -> Callable[[WebSocket], Awaitable[None]]:
         left = asyncio.ensure_future(_until_it_leaves(socket))
         loop = asyncio.get_running_loop()
         cursor, number, due_s = 0, 0, loop.time()
-        space = view.skeleton if socket.query_params.get("space") == "1" else None
+        space = view.scene if socket.query_params.get("space") == "1" else None
         try:
             while not left.done():
                 piece = live.window.after(cursor)
                 frame = _frame(piece)
                 if space is not None and len(piece.time_s):
-                    both = (space.points(row[-1].astype(float)) for row in (piece.measured, piece.predicted))
+                    both = (space.poses(row[-1].astype(float)).ravel() for row in (piece.measured, piece.predicted))
                     frame["hands"] = [listed(points, 4) for points in both]
                 cursor = piece.cursor
                 if number % _ABOUT_EVERY == 0:

@@ -1,0 +1,87 @@
+// All joints live: strip charts with the worst first, a table, and the events.
+import { facts } from "./api";
+import { mark } from "./data";
+import { made, milli, put, row, short } from "./dom";
+import { SHOWN_S, kept, now, residual, worstFirst } from "./live";
+import { select } from "./state";
+import { draw } from "./strip";
+
+const SORT_EVERY_MS = 2000;
+const count = made("select", { id: "strips-shown" }, ...["4", "8", "12", "all"].map((text) => made("option", { selected: text === "8", value: text === "all" ? "999" : text }, text)));
+const hold = made("button", { type: "button", id: "strips-hold", "aria-pressed": "false" }, "Hold ", made("kbd", {}, "h"));
+const rate = made("span", { id: "strips-rate", className: "soft" }), box = made("div", { id: "strips" });
+const body = made("tbody", { id: "joints" });
+const head = ["joint", "measured rad", "predicted rad", "residual mrad", "rms mrad", "drift"].map((text, index) => made("th", { scope: "col", className: index ? "n" : "" }, text));
+export const panel = made("div", { className: "panel strips" },
+  made("p", { className: "controls" }, made("label", {}, "Charts ", count), hold, rate), box,
+  made("div", { className: "scroll" }, made("table", {}, made("caption", {}, "Measured against predicted, rms residual over the last 10 s"), made("thead", {}, made("tr", {}, ...head)), body)));
+const events = made("ul", { id: "events" });
+export const eventsPanel = made("div", { className: "panel" }, made("h3", {}, "Events of the daemon"), events);
+
+const strips = new Map<number, { canvas: HTMLCanvasElement; now: HTMLElement; figure: HTMLElement }>();
+let held = false, news = false, sorted = 0, times: number[] = [], frames = 0;
+
+export function toggle(): void {
+  held = !held;
+  hold.setAttribute("aria-pressed", String(held));
+}
+
+function arrange(): void {
+  sorted = performance.now();
+  const wanted = worstFirst().slice(0, Number(count.value));
+  for (const [joint, strip] of strips) if (!wanted.includes(joint)) { strip.figure.remove(); strips.delete(joint); }
+  wanted.forEach((joint, place) => {
+    if (!strips.has(joint)) {
+      const name = facts.joints[joint], said = made("span", { className: "soft" });
+      const canvas = made("canvas", { role: "img", "aria-label": `${name}: measured and predicted over the last ${SHOWN_S} s, the residual below` });
+      const pick = made("button", { type: "button", className: "plain" }, short(name));
+      pick.addEventListener("click", () => select({ joint: name }));
+      strips.set(joint, { canvas, now: said, figure: made("figure", {}, made("figcaption", {}, pick, " ", said), canvas) });
+    }
+    const { figure } = strips.get(joint)!;
+    if (box.children[place] !== figure) box.insertBefore(figure, box.children[place] ?? null);
+  });
+  news = true;
+}
+
+const fixed = (value: number | null) => (value === null ? "unknown" : value.toFixed(4));
+
+function rows(): void {
+  const last = kept.t.length - 1, drifting = now.about?.drifting_joints ?? [];
+  const byName = new Map([...body.children].map((one) => [(one as HTMLElement).dataset.joint!, one]));
+  worstFirst().forEach((joint, place) => {
+    const name = facts.joints[joint], line = byName.get(name)!;
+    const texts = [fixed(kept.measured[joint][last] ?? null), fixed(kept.predicted[joint][last] ?? null), milli(residual(joint)), milli(now.rms[joint]), drifting.includes(name) ? "drifting" : "no"];
+    texts.forEach((text, index) => put(line.children[index + 1], text));
+    if (!held && body.children[place] !== line) body.insertBefore(line, body.children[place]);
+  });
+}
+
+function tick(at: number): void {
+  requestAnimationFrame(tick);
+  if (!news || held) return;
+  news = false;
+  if (panel.offsetParent !== null) {
+    for (const [joint, strip] of strips) {
+      put(strip.now, `rms ${milli(now.rms[joint])} mrad`);
+      draw(strip.canvas, kept.t, kept.measured[joint], kept.predicted[joint], SHOWN_S);
+    }
+  }
+  times = [...times.filter((time) => time > at - 2000), at];
+  put(rate, `drawn ${Math.round(times.length / 2)} times a second`);
+  frames += 1;
+  mark("frames", String(frames));
+}
+
+export function start(): void {
+  body.append(...facts.joints.map((name) => { const line = row(short(name), "", "", "", "", ""); line.dataset.joint = name; return line; }));
+  count.addEventListener("change", arrange);
+  hold.addEventListener("click", toggle);
+  addEventListener("samples", () => { news = true; });
+  addEventListener("about", () => {
+    if (!held && performance.now() - sorted > SORT_EVERY_MS) arrange();
+    rows();
+    events.replaceChildren(...(now.about?.events ?? []).slice().reverse().map((event) => made("li", {}, `${new Date(event.stamp_ns / 1e6).toLocaleTimeString()} ${event.kind}: ${event.text}`)));
+  });
+  requestAnimationFrame(tick);
+}

@@ -1,0 +1,121 @@
+"""What the panels ask for: the residual at a glance, what it depends on, where the bodies are."""
+
+from __future__ import annotations
+
+import json
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.processes.conftest import Twin, until
+from tests.simulation.made import FINGER, recorded, saved
+from tests.web.conftest import Workbench
+from twin_daemon.hand import load_hand
+from twin_daemon.simulation.terms import EffectTerm, Terms
+from twin_daemon.simulation.twin import TwinModel
+from twin_daemon.versions import Draft, VersionStore
+
+GAP_RAD = 0.03
+
+
+@pytest.fixture(scope="module")
+def loose(tmp_path_factory: pytest.TempPathFactory) -> tuple[TwinModel, Path]:
+    """A finger with play, and a recording of it."""
+    play = EffectTerm(effect="backlash", target="rh_FFJ3", values={"gap": GAP_RAD, "motor_share": 0.2})
+    twin = TwinModel.load(load_hand()).changed(Terms().with_effect(play))
+    path = tmp_path_factory.mktemp("bags") / "loose.mcap"
+    return twin, saved(recorded(twin, FINGER, np.random.default_rng(4)), path)
+
+
+@pytest.fixture(scope="module")
+def served(loose: tuple[TwinModel, Path], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Workbench]:
+    with Twin(tmp_path_factory.mktemp("served")) as processes:
+        running = Workbench(processes, "--recording", str(loose[1]))
+        yield running
+        assert running.end() == 0
+
+
+def recording(served: Workbench) -> str:
+    return served.ask("/api/recordings")[1]["recordings"][0]["id"]
+
+
+def asked(served: Workbench, path: str) -> dict[str, Any]:
+    def ready() -> dict[str, Any] | None:
+        found = served.ask(path)[1]
+        return None if found.get("pending") or found.get("curves_pending") else found
+
+    return until(ready, 60.0)
+
+
+def test_the_figures_of_the_page_are_those_of_the_command_line(
+    served: Workbench, loose: tuple[TwinModel, Path]
+) -> None:
+    found = asked(served, f"/api/errors?recording={recording(served)}&version=nominal")
+    code, out, err = served.twin.run("compare", "--recording", str(loose[1]), "--version", "nominal", "--json", "-")
+    assert code == 0, err
+    said = json.loads(out)
+    assert found["mse_rad2"] == pytest.approx(said["mse_rad2"], rel=1e-9)
+    for name, error in found["joints"].items():
+        for figure in ("mse_rad2", "rmse_rad", "max_abs_rad", "bias_rad", "lag_s"):
+            assert error[figure] == pytest.approx(said["joints"][name][figure], rel=1e-9), (name, figure)
+    glance = asked(served, f"/api/overview?recording={recording(served)}&version=nominal")
+    assert [one["name"] for one in glance["joints"]] == list(found["joints"])
+    assert glance["joints"][0]["name"] == "rh_FFJ3"
+    assert max(map(abs, glance["joints"][0]["spark"])) == pytest.approx(
+        1e3 * found["joints"]["rh_FFJ3"]["max_abs_rad"], abs=1e-3
+    )
+
+
+def test_the_error_of_a_loose_finger_depends_on_its_direction_(
+    served: Workbench,
+) -> None:
+    base = f"/api/dependence?recording={recording(served)}&version=nominal&joint=rh_FFJ3"
+    plots = {one["name"]: one for one in asked(served, base)["plots"]}
+    assert list(plots) == ["position", "velocity", "load", "time since a reversal"]
+    assert [plots[name]["unit"] for name in plots] == ["rad", "rad/s", "N m", "s"]
+    (_, up), (_, down) = plots["position"]["points"]["moving up"], plots["position"]["points"]["moving down"]
+    apart_mrad = np.median(down) - np.median(up)
+    assert apart_mrad == pytest.approx(1e3 * GAP_RAD, rel=0.25)
+    for joint in ("rh_WRJ1", "nobody"):  # one that rests, and none
+        assert served.ask(base.replace("rh_FFJ3", joint))[0] == 400
+
+
+def test_what_a_version_says_of_the_error_lies_on_the_points(workbench: Any, loose: tuple[TwinModel, Path]) -> None:
+    twin, path = loose
+    hand = load_hand()
+    stored = VersionStore(hand.name).add(
+        Draft(hand=hand.name, kind="effect_added", title="play", terms=twin.terms.as_json()), twin.mjcf()
+    )
+    served = workbench("--recording", str(path))
+    found = asked(
+        served,
+        f"/api/dependence?recording={recording(served)}&version=nominal&joint=rh_FFJ3&against={stored.id}",
+    )
+    plot = found["plots"][0]
+    for way in ("moving up", "moving down"):
+        _, points = plot["points"][way]
+        _, curve = plot["curves"][stored.id][way]
+        assert np.median([value for value in curve if value is not None]) == pytest.approx(np.median(points), abs=3.0)
+
+
+def test_the_bodies_of_a_moment_are_both_hands(served: Workbench) -> None:
+    scene = served.ask("/api/scene?version=nominal")[1]
+    asked(served, f"/api/overview?recording={recording(served)}&version=nominal")
+    query = f"/api/poses?recording={recording(served)}&version=nominal&from=1&to=2&frames=5"
+    with urllib.request.urlopen(served.address + query, timeout=60) as answer:
+        assert answer.headers["X-Predicted"] == "yes"
+        poses = np.frombuffer(answer.read(), "<f4").reshape(5, 2, scene["bodies"], 7)
+    assert np.isfinite(poses).all()
+    apart = np.abs(poses[:, 0] - poses[:, 1]).max()
+    assert 1e-4 < apart < 0.05
+    for right, wrong in (
+        ("frames=5", "frames=0"),
+        ("frames=5", "frames=601"),
+        ("from=1", "from=nan"),
+        ("nominal", "no"),
+    ):
+        assert served.ask(query.replace(right, wrong))[0] == 400, wrong
