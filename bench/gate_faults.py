@@ -65,7 +65,7 @@ class Fault:
         return said
 
     def speak_beside(self, gate: Gate, now_s: float) -> None:
-        """A second source of states, as the ear of a gate judges it."""
+        """A second source of states, as a gate's intake judges it."""
         if self.kind != "second source":
             return
         for source in ("hand", "another") if self.begun and self._rng.random() < 0.1 else ("hand",):

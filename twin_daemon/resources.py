@@ -11,6 +11,9 @@ import platformdirs
 
 _PACKAGE = Path(__file__).resolve().parent
 
+SWITCH_S = 1e-4
+"""A thread that works in Python keeps the others waiting for so long; a sample is not to notice."""
+
 
 def _data_dir(name: str) -> Path:
     """The folder `name` beside the package in a checkout, or the copy that a wheel carries inside it."""

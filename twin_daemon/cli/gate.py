@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from twin_daemon.cli.options import HandName, Model, Seconds, VersionRef
-from twin_daemon.cli.run import AUDIT, SWITCH_S, Endpoint, Namespace, hand_folder, load_named, machine_keyring
+from twin_daemon.cli.run import AUDIT, Endpoint, Namespace, hand_folder, load_named, machine_keyring
 from twin_daemon.errors import BadInput, TwinError
+from twin_daemon.resources import SWITCH_S
 from twin_daemon.workflows.session import silence_mujoco
 
 if TYPE_CHECKING:
@@ -90,13 +91,13 @@ def _serve(
     ready: Callable[[], None],
 ) -> int:
     from bridges.zenoh.access import access_of
-    from bridges.zenoh.ears import Ears
     from bridges.zenoh.gate_link import STATUS_S, GateEnd
     from bridges.zenoh.gatekeeper import Gatekeeper
+    from bridges.zenoh.hand_subscriber import HandSubscriber
     from bridges.zenoh.ros_keys import RosKeys
     from bridges.zenoh.session import choose_endpoint, open_daemon, someone_serves
     from twin_daemon.daemon.configuration import load_config
-    from twin_daemon.daemon.ear import Ear
+    from twin_daemon.daemon.gate_intake import GateIntake
     from twin_daemon.daemon.models import ModelSource
     from twin_daemon.daemon.notify import Notifier
     from twin_daemon.daemon.promotions import Promotions
@@ -159,12 +160,14 @@ def _serve(
         ready()
         notifier.say("READY=1")
         end_s = None if seconds is None else time.monotonic() + seconds
-        ears: Ears | None = None
-        while not stop.wait(_SOON_S if ears is None else STATUS_S) and (end_s is None or time.monotonic() < end_s):
-            if ears is None and math.isfinite(link.silent_s(time.monotonic())):
+        subscriber: HandSubscriber | None = None
+        while not stop.wait(_SOON_S if subscriber is None else STATUS_S) and (
+            end_s is None or time.monotonic() < end_s
+        ):
+            if subscriber is None and math.isfinite(link.silent_s(time.monotonic())):
                 # not before the daemon hears: a recording is played as soon as somebody listens
-                ears = Ears(session, description, Ear(twin, gate, link.tell), ros)
-                stack.callback(ears.close)
+                subscriber = HandSubscriber(session, description, GateIntake(twin, gate, link.tell), ros)
+                stack.callback(subscriber.close)
             if gatekeeper.turns(within_s=_HANGS_S):
                 notifier.alive()
             found = promotions.take()

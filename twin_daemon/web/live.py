@@ -1,4 +1,4 @@
-"""The page's ear on the network: a client of the daemon like any other, in a process of its own."""
+"""The page on the network: a client of the daemon like any other, in a process of its own."""
 
 from __future__ import annotations
 

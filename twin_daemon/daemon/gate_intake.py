@@ -18,7 +18,7 @@ from twin_daemon.hand.naming import match
 from twin_daemon.simulation.twin import TwinModel
 
 
-class Ear:
+class GateIntake:
     """Tells one gate what is measured and what is sent to the hand. Safe in several threads."""
 
     def __init__(self, twin: TwinModel, gate: Gate, tell: Callable[[str, str, dict[str, Any]], None]) -> None:

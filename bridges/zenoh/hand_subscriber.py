@@ -13,7 +13,7 @@ from bridges.zenoh.ros_keys import RosKeys
 from bridges.zenoh.sources import Sources
 from bridges.zenoh.streams import heard_keys, subscriptions
 from twin_daemon.daemon import cdr
-from twin_daemon.daemon.ear import Ear
+from twin_daemon.daemon.gate_intake import GateIntake
 from twin_daemon.daemon.messages import ROS_SOURCE, MalformedPayload
 from twin_daemon.hand import HandDescription
 from twin_daemon.services.guard import Guard
@@ -21,13 +21,13 @@ from twin_daemon.services.guard import Guard
 log = logging.getLogger("twin.gate")
 
 
-class Ears:
+class HandSubscriber:
     """Hears joint states and commands in the transport's thread, from the start until `close`."""
 
     def __init__(
-        self, session: zenoh.Session, description: HandDescription, ear: Ear, ros: RosKeys | None = None
+        self, session: zenoh.Session, description: HandDescription, intake: GateIntake, ros: RosKeys | None = None
     ) -> None:
-        self._ear = ear
+        self._intake = intake
         self._guard = Guard(log)
         self._sources = Sources(session)
         keys = [(heard_keys(description), ""), *([(ros.subscribed, ROS_SOURCE)] if ros is not None else [])]
@@ -51,7 +51,7 @@ class Ears:
             message = replace(cdr.decode(sample.payload.to_bytes()), source=by + self._sources.of(sample))
         except MalformedPayload:  # the daemon counts them
             return
-        (self._ear.on_joint_state if stream == "joint_states" else self._ear.on_command)(message, now_s)
+        (self._intake.on_joint_state if stream == "joint_states" else self._intake.on_command)(message, now_s)
 
     def close(self) -> None:
         for entity in self._entities:
