@@ -24,7 +24,8 @@ export class Chart {
     this.box = made("figure", { className: "chart", "data-joint": joint },
       made("figcaption", {}, made("b", {}, short(joint)), this.key, ...tools), ...this.holders);
     this.box.setAttribute("aria-label", `${joint}: measured, predicted and commanded over time, the residual below`);
-    new ResizeObserver(() => this.fit()).observe(this.box);
+    const sized = new ResizeObserver(() => this.fit());
+    for (const holder of this.holders) sized.observe(holder); // the key above may take a line more
   }
 
   // `fresh` draws new axes and colours.

@@ -2,7 +2,7 @@
 import { attempt, read } from "./api";
 import { waterfall, type Fall } from "./bars";
 import { hear, known, mark, version, versionTitle } from "./data";
-import { made, milli } from "./dom";
+import { made, milli, short } from "./dom";
 import { jobs } from "./jobs";
 import { added } from "./path";
 import { live, on, selection } from "./state";
@@ -10,6 +10,14 @@ import { live, on, selection } from "./state";
 const box = made("div"), words = made("p", { id: "fall-words" });
 export const panel = made("div", { className: "panel fall-panel" }, box, words);
 let drawn = "";
+
+// A title as a row has room for it: a ladder by the number of its effects, one effect by its name.
+function brief(title: string): string {
+  const ladder = /^ladder: (.+)$/.exec(title);
+  if (ladder) return `ladder, ${ladder[1].split(", ").length} effects`;
+  const [effect, ...where] = title.split(" at ");
+  return [effect.replaceAll("_", " "), ...where.map(short)].join(" at ");
+}
 
 interface Step { effect: string | null; target: string | null; mse_rad2: number | null; holdout_mse_rad2: number | null }
 
@@ -31,7 +39,7 @@ async function show(): Promise<void> {
   const rows: Fall[] = [{ name: "Nominal", before: null, after: value(steps[0]), look: "twin", words: `${milli(value(steps[0]))} mrad` }];
   steps.slice(1).forEach((one, at) => {
     const from = value(steps[at]), to = value(one);
-    rows.push({ name: one.effect ? `+ ${one.effect.replaceAll("_", " ")}` : "all together", before: from, after: to, look: to <= from ? "better" : "bad" });
+    rows.push({ name: one.effect ? `+ ${brief(one.effect)}` : "all together", before: from, after: to, look: to <= from ? "better" : "bad" });
   });
   const last = value(steps[steps.length - 1]);
   rows.push({ name: "left", before: null, after: last, look: "accent" });

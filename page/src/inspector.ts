@@ -76,7 +76,7 @@ const content: Record<Step, () => (Node | null)[]> = {
   },
   promote() {
     const new_ = added(), now = version(known.aliases.current);
-    const parts: (Node | null)[] = [facts([["in use", now ? `${now.id.slice(0, 12)} ${versionTitle(now.id)}` : "unknown"]])];
+    const parts: (Node | null)[] = [facts([["in use", now ? now.id === "nominal" ? now.id : `${now.id.slice(0, 12)} ${versionTitle(now.id)}` : "unknown"]])];
     if (!new_) return [made("p", {}, standing("promote").reason), ...parts, rollback()];
     const done = known.aliases.current === new_.version;
     return [...parts, facts([["candidate", `${new_.version.slice(0, 12)} ${versionTitle(new_.version)}`]]),

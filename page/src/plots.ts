@@ -28,7 +28,8 @@ const moves = {
   now: () => (live() ? null : selection.at),
 };
 const joints = () => [...new Set([selection.joint, ...selection.pinned])].filter((name) => facts.joints.includes(name) || curves[name]).slice(0, MOST);
-const lines = (): Line[] => (live() ? [{ id: "live", label: "predicted" }] : shown().map((id) => ({ id, label: `predicted by ${versionTitle(id)}` })));
+const brief = (title: string) => (title.length > 32 ? `${title.slice(0, 31)}…` : title);
+const lines = (): Line[] => (live() ? [{ id: "live", label: "predicted" }] : shown().map((id) => ({ id, label: `predicted by ${brief(versionTitle(id))}` })));
 
 function save(name: string, href: string): void {
   made("a", { href, download: name }).click();
