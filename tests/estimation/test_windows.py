@@ -7,12 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.simulation.made import FINGER, recorded
+from tests.simulation.made import FINGER, Motion, recorded
 from twin_daemon.comparison.split import hold_out
-from twin_daemon.estimation.windows import _piece, length_s, segments
+from twin_daemon.estimation.problem import Problem
+from twin_daemon.estimation.windows import _piece, _Turning, length_s, segments
 from twin_daemon.simulation.alignment import Aligned, align
 from twin_daemon.simulation.contacts import touching_times
 from twin_daemon.simulation.submodel import parts
+from twin_daemon.simulation.terms import EffectTerm
 from twin_daemon.simulation.twin import TwinModel
 
 JOINTS = ("rh_FFJ1", "rh_FFJ2", "rh_FFJ3")
@@ -62,12 +64,27 @@ def test_a_piece_that_begins_where_a_joint_sets_off_or_stops_begins_where_it_was
     measured = aligned.measured.copy()
     measured[:, column] = 0.5 + where + noise * rng.standard_normal(len(where))
     true = replace(aligned, measured=measured, unhidden=None)
-    width = round(0.12 / float(np.median(np.diff(aligned.time_s))))
+    width, turns = round(0.12 / float(np.median(np.diff(aligned.time_s)))), _Turning(true)
     corner = int(np.argmax(turn > (0.7 if not backwards else 0.22)))
     for index in (corner - 1, corner, corner + 1):
-        piece = _piece(true, index, len(where), width)
+        piece = _piece(true, index, len(where), width, turns)
         assert piece.start_position[column] == pytest.approx(measured[index, column], abs=6 * noise)
         assert min(abs(abs(piece.start_velocity[column]) - known) for known in (0.0, speed)) < 0.02
+
+
+def test_a_piece_remembers_what_the_motion_before_it_has_bent(twin: TwinModel, rng: np.random.Generator) -> None:
+    """Slow reversals of a joint with a soft hysteresis: nowhere it stands still, and nowhere it is bent to the end."""
+    noise_rad = 5e-5
+    term = EffectTerm(effect="hysteresis", target="rh_FFJ3", values={"torque": 0.1, "stiffness": 0.5})
+    bent = twin.changed(twin.terms.with_effect(term))
+    time_s = np.arange(0.0, 8.0, 0.25)
+    motion: Motion = {"rh_FFJ3": (time_s.tolist(), (0.7 + 0.35 * np.sin(1.9 * time_s)).tolist())}
+    recording = align(bent, recorded(bent, motion, rng, seconds=7.5, noise_rad=noise_rad))
+    pieces = segments(recording, ("rh_FFJ3",))[1:]  # what was before the first nobody knows
+    assert pieces
+    problem = Problem(bent, pieces, (), ("rh_FFJ3",))
+    for residual in problem.joint_residuals(problem.start[None]):
+        assert np.sqrt((residual**2).mean()) < 1.2 * noise_rad
 
 
 def test_time_in_contact_is_in_no_piece(aligned: Aligned) -> None:

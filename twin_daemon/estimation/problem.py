@@ -18,7 +18,7 @@ from twin_daemon.estimation.thresholds import (
 from twin_daemon.estimation.variables import LinkVariable, Settings, Variable
 from twin_daemon.simulation.alignment import Aligned, resample
 from twin_daemon.simulation.parameters import KINDS
-from twin_daemon.simulation.rollout import remembers, roll_out
+from twin_daemon.simulation.rollout import Bent, remembers, roll_out
 from twin_daemon.simulation.terms import EffectTerm, Terms
 from twin_daemon.simulation.twin import TwinModel
 
@@ -146,6 +146,7 @@ class Problem:
                 before=controls[:, : len(past)] if len(past) else None,
                 applied=self._applied(recording, grid, [c.measurement for c in candidates], points),
                 loaded=True,
+                turns=self._turns(recording),
                 threads=self.threads,
             )
             sampled = resample(positions[:, :, self.twin.qpos_adr], step_s, recording.time_s)
@@ -160,6 +161,10 @@ class Problem:
             return self.candidate(unit)
         except BadInput:
             return None
+
+    def _turns(self, recording: Aligned) -> Mapping[int, Bent] | None:
+        """How far the motion before a recording has bent bristles, by degree of freedom."""
+        return recording.turns.by_dof(self.twin.dof_adr) if recording.turns is not None else None
 
     def _begun(self, index: int, measurements: Sequence[Measurement]) -> tuple[np.ndarray, np.ndarray]:
         """((1 or B, nq), (1 or B, nv)) where roll-outs of a recording begin: where the joints were by its readings."""

@@ -14,10 +14,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twin_daemon.comparison.noise import noise_variance
 from twin_daemon.estimation.thresholds import (
     AFTER_CONTACT_S,
     BEFORE_CONTACT_S,
     BENDS,
+    LEAST_NOISE_RAD,
     LEAST_PIECE_S,
     LOOK_FOR_REST_S,
     MOST_EXCERPT_S,
@@ -26,10 +28,12 @@ from twin_daemon.estimation.thresholds import (
     STILL_RAD,
     STILL_RAD_S,
     STILL_S,
+    STIRS_SIGMA,
     STRETCH_S,
     UNSCORED_S,
 )
 from twin_daemon.simulation.alignment import Aligned
+from twin_daemon.simulation.turns import Turns, turning_points
 
 
 def segments(aligned: Aligned, joints: Sequence[str], touching: np.ndarray | None = None) -> list[Aligned]:
@@ -41,6 +45,7 @@ def segments(aligned: Aligned, joints: Sequence[str], touching: np.ndarray | Non
     time_s, position = aligned.time_s, aligned.states[:, columns]
     width = max(2, round(STILL_S / float(np.median(np.diff(time_s)))))
     spans = [(0, len(time_s))] if touching is None or not touching.any() else _free(time_s, touching)
+    turns = _Turning(aligned)
     pieces = []
     for start, stop in spans:
         first = start if start == 0 else _calmest(time_s, position, (start, stop), LOOK_FOR_REST_S, width)
@@ -50,7 +55,7 @@ def segments(aligned: Aligned, joints: Sequence[str], touching: np.ndarray | Non
         while time_s[stop - 1] - time_s[cuts[-1]] > LEAST_PIECE_S + MOST_PIECE_S:
             earliest = int(np.searchsorted(time_s, time_s[cuts[-1]] + LEAST_PIECE_S))
             cuts.append(_calmest(time_s, position, (earliest, stop), MOST_PIECE_S - LEAST_PIECE_S, width))
-        pieces += [_piece(aligned, a, b, width) for a, b in zip(cuts, [*cuts[1:], stop], strict=True)]
+        pieces += [_piece(aligned, a, b, width, turns) for a, b in zip(cuts, [*cuts[1:], stop], strict=True)]
     return [piece for piece in pieces if np.isfinite(piece.measured[:, columns]).any()]
 
 
@@ -97,7 +102,7 @@ def _spreads(position: np.ndarray, count: int) -> np.ndarray:
     return np.where(np.isfinite(travel), travel, np.inf)
 
 
-def _piece(aligned: Aligned, start: int, stop: int, width: int) -> Aligned:
+def _piece(aligned: Aligned, start: int, stop: int, width: int, turning: _Turning) -> Aligned:
     begin = float(aligned.time_s[start])
     time_s = aligned.time_s[start:stop] - begin
     if start == 0:
@@ -114,7 +119,24 @@ def _piece(aligned: Aligned, start: int, stop: int, width: int) -> Aligned:
         start_position=pose,
         start_velocity=speed,
         reaction=None if aligned.reaction is None else aligned.reaction.shifted(begin),
+        turns=turning.before(start, pose),
     )
+
+
+class _Turning:
+    """Where the joints of a recording turn, by more than their noise makes of them."""
+
+    def __init__(self, aligned: Aligned) -> None:
+        self._states = aligned.states
+        noise = np.sqrt([noise_variance(column) for column in aligned.measured.T])
+        self._least = STIRS_SIGMA * np.maximum(noise, LEAST_NOISE_RAD)
+        self._at = [turning_points(column, float(d)) for column, d in zip(self._states.T, self._least, strict=True)]
+
+    def before(self, start: int, pose: np.ndarray) -> Turns:
+        """The turns before a sample at which the joints were at `pose` (j,) rad."""
+        seen = [[index for index in turns if index < start] for turns in self._at]
+        angles = (np.append(column[at], q) for column, at, q in zip(self._states.T, seen, pose, strict=True))
+        return Turns(tuple(a[np.isfinite(a)] for a in angles), self._least)
 
 
 def _state(time_s: np.ndarray, measured: np.ndarray, index: int, width: int) -> tuple[np.ndarray, np.ndarray]:

@@ -162,7 +162,8 @@ class LawProblem(Posterior):
                 first, earlier = self._before[index, onset]
                 filled = np.zeros(twin.model.nu)
                 filled[: len(first)] = first
-                states.append(initial_state(candidate.model, filled, qpos, qvel, earlier, loaded=True))
+                turns = self._turns(piece)
+                states.append(initial_state(candidate.model, filled, qpos, qvel, earlier, loaded=True, turns=turns))
                 input_of.append(known[index, onset, load])
                 steps.append(len(grid))
                 begun.append(memory)

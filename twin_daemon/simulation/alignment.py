@@ -15,6 +15,7 @@ from twin_daemon.signals.commands import CommandSignal
 from twin_daemon.signals.trajectory import Trajectory
 from twin_daemon.simulation.reactions import Reaction
 from twin_daemon.simulation.rollout import roll_out
+from twin_daemon.simulation.turns import Turns
 from twin_daemon.simulation.twin import TwinModel
 
 MOVING_RAD = 0.05
@@ -32,7 +33,8 @@ class Aligned:
     `onset_free` says that the recording does not hold its commands, so that the onset is estimated and a delay
     cannot be told from it. `start_position` (j,) rad and `start_velocity` (j,) rad/s are measured at time 0.
     `unhidden` (n, j) rad is all that was measured, where something is hidden: states that roll-outs may start from.
-    `reaction` is what joints that a sub-model leaves out do to it.
+    `reaction` is what joints that a sub-model leaves out do to it. `turns` is the motion before time 0, where that is
+    known.
     """
 
     recording: Recording
@@ -46,6 +48,7 @@ class Aligned:
     start_velocity: np.ndarray
     unhidden: np.ndarray | None = None
     reaction: Reaction | None = None
+    turns: Turns | None = None
 
     @property
     def states(self) -> np.ndarray:

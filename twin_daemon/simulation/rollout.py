@@ -5,13 +5,16 @@ Runs on `mujoco.batch`, whose results are bit-identical to a plain mj_step loop 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import mujoco
 import numpy as np
 from mujoco import batch
 
 from twin_daemon.executor import thread_count
+
+Bent = Callable[[float], float | None]
+"""How far, from -1 to 1, a bristle that gives way over so many rad is bent; None where nothing says that."""
 
 # A chunk of simulations keeps its controls and positions in memory at once; this bounds both.
 _CHUNK_BYTES = 256 * 2**20
@@ -33,6 +36,7 @@ def roll_out(
     before: np.ndarray | None = None,
     applied: np.ndarray | None = None,
     loaded: bool = False,
+    turns: Mapping[int, Bent] | None = None,
     threads: int | None = None,
 ) -> np.ndarray:
     """Positions of every simulation, (B, T + 1, nq), the initial state first.
@@ -41,9 +45,9 @@ def roll_out(
     during step k; actuators beyond its columns get 0. `qpos` is (B or 1, nq), `qvel` (B or 1, nv), zero where
     not given. `applied` (B or 1, T, nv) are generalised forces beside those of the actuators. Delay buffers
     and filters start as `before` (B or 1, H, nu), the controls of the steps before, has left them; without it as if
-    the hand had been told the first control for ever. Bristles of dry friction start relaxed, or
-    with `loaded` bent by what they hold. From the step at which MuJoCo warns (a state that is not finite or diverges) a
-    simulation's positions are NaN.
+    the hand had been told the first control for ever. Bristles of dry friction start relaxed, or with `loaded` bent by
+    what they hold, or by the motion before as far as `turns` says for a degree of freedom. From the step at which
+    MuJoCo warns (a state that is not finite or diverges) a simulation's positions are NaN.
     """
     count = max(len(models), len(controls), len(qpos))
     first = models[0]
@@ -73,7 +77,9 @@ def roll_out(
                     runner.state[slot, place] = values
             else:
                 told = None if before is None else before[_row(i, before)]
-                runner.state[slot] = initial_state(picked[slot], control, position, velocity, told, loaded=loaded)
+                runner.state[slot] = initial_state(
+                    picked[slot], control, position, velocity, told, loaded=loaded, turns=turns
+                )
         runner.warning[:] = 0
         rows, inputs = controls[start : start + len(chosen)] if len(controls) > 1 else controls, _CTRL
         if applied is not None:
@@ -102,6 +108,7 @@ def initial_state(
     before: np.ndarray | None,
     *,
     loaded: bool,
+    turns: Mapping[int, Bent] | None = None,
 ) -> np.ndarray:
     """The whole state with which a roll-out begins, as `roll_out` explains it."""
     data = mujoco.MjData(model)
@@ -112,7 +119,7 @@ def initial_state(
     if before is not None:
         recall_commands(model, data, before)
     if loaded:
-        settle_bristles(model, data)
+        settle_bristles(model, data, turns or {})
     state = np.empty(mujoco.mj_stateSize(model, _WHOLE))
     mujoco.mj_getState(model, data, state, _WHOLE)
     return state
@@ -173,10 +180,12 @@ def _follows(model: mujoco.MjModel, actuator: int) -> bool:
     return int(model.actuator_actadr[actuator]) >= 0 and bool(kind in _FILTERS or ramped)
 
 
-def settle_bristles(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Bends the bristles of LuGre friction as they are where a hand stands still: they hold what nothing else does.
+def settle_bristles(model: mujoco.MjModel, data: mujoco.MjData, turns: Mapping[int, Bent]) -> None:
+    """Bends the bristles of LuGre friction as the motion before has left them.
 
-    Where it moves they are bent as far as they go. Without this every roll-out would begin with a creep.
+    Where `turns` knows that motion for a degree of freedom it says how far. Else they hold what nothing else does where
+    a hand stands still, and are bent as far as they go where it moves. Without this every roll-out would begin with a
+    creep.
     """
     bristles = _bristles(model)
     if not bristles:
@@ -186,10 +195,14 @@ def settle_bristles(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     for actuator in bristles:
         dof = int(model.jnt_dofadr[model.actuator_trnid[actuator, 0]])
         stiffness, most = float(model.actuator_dynprm[actuator, 5]), float(model.actuator_biasprm[actuator, 4])
-        moving = abs(data.qvel[dof]) > _STILL_RAD_S
-        load = (
-            np.sign(data.qvel[dof]) * model.actuator_biasprm[actuator, 3] if moving else np.clip(net[dof], -most, most)
-        )
+        sliding = float(model.actuator_biasprm[actuator, 3])
+        share = turns[dof](sliding / stiffness) if dof in turns else None
+        if share is not None:
+            load = share * sliding
+        elif abs(data.qvel[dof]) > _STILL_RAD_S:
+            load = np.sign(data.qvel[dof]) * sliding
+        else:
+            load = np.clip(net[dof], -most, most)
         data.act[model.actuator_actadr[actuator]] = load / stiffness
 
 
