@@ -6,7 +6,8 @@ Each stream is a life of one gate under a made-up clock: several commanders at o
 command, numbers that jump or are none, requests that are old, repeated or out of order, clocks that jump, a hand that
 falls silent or says nonsense, somebody who sends past the gate, blocked fingers, sensors that lie, a second source of
 states, a gate that is killed and started again. After every turn what was sent is held against the limits, a first
-command against what the hand has said, and the setpoints after a protective stop against the contact.
+command against what the hand has said, an overlap against where the hand truly is, and the setpoints after a protective
+stop against the contact.
 """
 
 from __future__ import annotations
@@ -74,14 +75,16 @@ class Watch:
         sent: Sendable | None,
         since_s: float,
         start: np.ndarray,
-        measured: np.ndarray,
+        pose: np.ndarray,
+        hand: np.ndarray,
+        *,
         look: bool,
-        hand: np.ndarray | None = None,
+        letting_go: bool,
     ) -> None:
         """One turn of the gate, `since_s` after the one before; `start` (c,) is where new commands begin.
 
-        `hand` (c,) is where the hand truly is while it lets go: setpoints that come back to it overlap no more than it
-        does there, ahead by the margin that holds links up.
+        `pose` (j,) and `hand` (c,) are where the hand truly is, whatever its sensors say. Setpoints that let go come
+        back to it: they overlap no more than it does there, ahead by the margin that holds links up.
         """
         dt_s = min(since_s, self._dt_s)
         row = self._row.copy()
@@ -112,12 +115,12 @@ class Watch:
         moved = not np.array_equal(row[given], before[given])
         self._row = row
         if moved and look:
-            now = np.where(given, self._first, start)
-            found = self._preview.along(measured, np.where(given, row, start)[None], now=now)
-            if found is not None and hand is not None:
+            then = np.where(given, row, hand)
+            found = self._preview.along(pose, then[None], now=np.where(given, self._first, hand))
+            if found is not None and letting_go:
                 margin = self._limits.margin
                 there = hand + np.minimum(np.maximum(row - hand, -margin), margin)
-                found = self._preview.along(measured, np.where(given, row, start)[None], now=there)
+                found = self._preview.along(pose, then[None], now=np.where(given, there, hand))
             assert found is None, str(found)
 
 
@@ -160,7 +163,6 @@ class Stream:
         self.contact = Contact(self.gate.limits)
         parts = [[twin.joints.index(j) for j in info.joints] for info in twin.hand.description.commands.values()]
         self.starts = Starts(self.gate.limits, settings.start_tolerance_rad, parts)
-        self.said = self.pose.copy()
         self.held = np.full(len(self.names), np.nan)  # what the hand was sent last
 
     def _begun(self) -> Gate:
@@ -261,8 +263,8 @@ class Stream:
         if idle:
             assert sent is None, "sent without being armed"
             return
-        hand = self.starts.by_command(self.pose) if self.gate.letting_go else None
-        self.watch.turn(sent, since_s, start, self.said, look=rng.random() < 0.1, hand=hand)
+        hand, look = self.starts.by_command(self.pose), rng.random() < 0.1
+        self.watch.turn(sent, since_s, start, self.pose, hand, look=look, letting_go=self.gate.letting_go)
         row = self.watch.row
         self.contact.sent(row)
         fresh = np.isfinite(row) & ~np.isfinite(before)
@@ -287,7 +289,6 @@ class Stream:
         if self.rng.random() < 0.001:
             said[self.rng.integers(len(said))] = self.rng.choice([np.nan, 1e3])
         self.gate.measured(said, self.heard_s)
-        self.said = np.where(np.isfinite(said), said, self.said)
         self.starts.heard(said, self.now_s)
 
     def _ask(self) -> None:
