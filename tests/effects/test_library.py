@@ -51,10 +51,11 @@ def test_every_effect_that_comes_with_the_program_has_a_plant_that_shares_no_cod
     assert set(BUILT_IN) <= set(HIDDEN)
 
 
+@pytest.mark.parametrize("times", [1e3, 1e9])
 @every_effect
-def test_a_stronger_robot_is_searched_further(key: str, bench: Bench):
+def test_a_stronger_robot_is_searched_further_and_never_beyond_physics(key: str, times: float, bench: Bench):
     weak = bench.twin.scale("rh_FFJ3")
-    strong = replace(weak, kp=1e3 * weak.kp, inertia=1e3 * weak.inertia)
+    strong = replace(weak, kp=times * weak.kp, inertia=times * weak.inertia)
     for parameter in LIBRARY[key].parameters:
         (lower, upper), (far_lower, far_upper) = parameter.bounds(weak), parameter.bounds(strong)
         assert far_lower <= lower < upper <= far_upper

@@ -64,12 +64,27 @@ def test_a_piece_that_begins_where_a_joint_sets_off_or_stops_begins_where_it_was
     measured = aligned.measured.copy()
     measured[:, column] = 0.5 + where + noise * rng.standard_normal(len(where))
     true = replace(aligned, measured=measured, unhidden=None)
-    width, turns = round(0.12 / float(np.median(np.diff(aligned.time_s)))), _Turning(true)
+    width, turns = (
+        round(0.12 / float(np.median(np.diff(aligned.time_s)))),
+        _Turning(true, np.full(len(true.joints), 1e-3)),
+    )
     corner = int(np.argmax(turn > (0.7 if not backwards else 0.22)))
     for index in (corner - 1, corner, corner + 1):
         piece = _piece(true, index, len(where), width, turns)
         assert piece.start_position[column] == pytest.approx(measured[index, column], abs=6 * noise)
         assert min(abs(abs(piece.start_velocity[column]) - known) for known in (0.0, speed)) < 0.02
+
+
+def test_a_slow_joint_with_a_fine_sensor_does_not_stand_still(aligned: Aligned, rng: np.random.Generator) -> None:
+    """A slide of some centimetres: what is slow for a finger is its whole motion."""
+    rate, size, noise, column = 1.5, 0.02, 3e-5, aligned.joints.index("rh_FFJ3")
+    measured = aligned.measured.copy()
+    measured[:, column] = size * np.sin(rate * aligned.time_s) + noise * rng.standard_normal(len(measured))
+    pieces = segments(replace(aligned, measured=measured, unhidden=None), ("rh_FFJ3",))
+    assert len(pieces) > 1
+    for piece in pieces[1:]:
+        begin = rate * (aligned.onset_s - piece.onset_s)
+        assert piece.start_velocity[column] == pytest.approx(size * rate * np.cos(begin), abs=0.05 * size * rate)
 
 
 def test_a_piece_remembers_what_the_motion_before_it_has_bent(twin: TwinModel, rng: np.random.Generator) -> None:

@@ -156,11 +156,12 @@ class Parameter:
     reach: Reach | None = None
 
     def bounds(self, scale: Scale) -> tuple[float, float]:
-        """Where it is looked for at a place, in its unit."""
+        """Where it is looked for at a place, in its unit: wider on a strong robot, and never beyond its limits."""
         if self.reach is None:
             return self.lower, self.upper
-        far = self.reach.at(scale)
-        return min(self.lower, -far) if self.lower < 0.0 else self.lower, max(self.upper, far)
+        far, (least, most) = self.reach.at(scale), self.limits
+        lower = max(min(self.lower, -far), least) if self.lower < 0.0 else self.lower
+        return lower, min(max(self.upper, far), most)
 
     @property
     def limits(self) -> tuple[float, float]:

@@ -87,9 +87,8 @@ DIVERGED_RAD = Threshold(10.0, "rad", "error that a simulation counts as which l
 
 LEAST_PIECE_S = Threshold(1.2, "s", "of motion in one piece: shorter ones say little about what has a memory")
 MOST_PIECE_S = Threshold(3.0, "s", "more than that, at most: a free roll-out forgets nothing, so that errors add up")
-STILL_RAD_S = Threshold(0.03, "rad/s", "a joint that is slower stands still")
-STILL_S = Threshold(0.12, "s", "for so long, so that a piece may start there")
-STILL_RAD = Threshold(3e-3, "rad", "travel that noise and resolution make of a joint at rest")
+STILL_S = Threshold(0.12, "s", "in which a joint travels no more than its noise does: there a piece may start")
+STILL_SIGMA = Threshold(3.0, "sigma", "of the slope of its samples by which a joint that is slower stands still")
 BENDS = Threshold(
     4.0, "1", "times the variance that a cubic leaves of the samples around a start: a line that leaves more bends"
 )

@@ -25,9 +25,8 @@ from twin_daemon.estimation.thresholds import (
     MOST_EXCERPT_S,
     MOST_PIECE_S,
     START_SLOPE_S,
-    STILL_RAD,
-    STILL_RAD_S,
     STILL_S,
+    STILL_SIGMA,
     STIRS_SIGMA,
     STRETCH_S,
     UNSCORED_S,
@@ -42,10 +41,11 @@ def segments(aligned: Aligned, joints: Sequence[str], touching: np.ndarray | Non
     With `touching` (n,) bool the samples at which they touch something are left out, and some time around them.
     """
     columns = [aligned.joints.index(joint) for joint in joints]
-    time_s, position = aligned.time_s, aligned.states[:, columns]
+    least = _noise_travel(aligned)
+    time_s, position = aligned.time_s, aligned.states[:, columns] / least[columns]
     width = max(2, round(STILL_S / float(np.median(np.diff(time_s)))))
     spans = [(0, len(time_s))] if touching is None or not touching.any() else _free(time_s, touching)
-    turns = _Turning(aligned)
+    turns = _Turning(aligned, least)
     pieces = []
     for start, stop in spans:
         first = start if start == 0 else _calmest(time_s, position, (start, stop), LOOK_FOR_REST_S, width)
@@ -86,17 +86,20 @@ def _free(time_s: np.ndarray, touching: np.ndarray) -> list[tuple[int, int]]:
 
 
 def _calmest(time_s: np.ndarray, position: np.ndarray, span: tuple[int, int], within_s: float, width: int) -> int:
-    """The sample of a span's first seconds around which the joints move least: the first at which they stand still."""
+    """The sample of a span's first seconds around which the joints move least: the first at which they stand still.
+
+    `position` (n, k) counts in what a joint travels by its noise at most.
+    """
     start, stop = span
     last = int(np.searchsorted(time_s, time_s[start] + within_s))
     candidates = range(min(start + width, stop - 1), max(min(last, stop), min(start + width, stop - 1) + 1))
     spreads = _spreads(position[candidates[0] - width : candidates[-1] + 1], width + 1)
-    still = np.flatnonzero(spreads < STILL_RAD_S * STILL_S + STILL_RAD)
+    still = np.flatnonzero(spreads < 1.0)
     return candidates[int(still[0] if still.size else np.argmin(spreads))]
 
 
 def _spreads(position: np.ndarray, count: int) -> np.ndarray:
-    """(n - count + 1,) rad: the largest travel of a joint within each run of samples; infinite where one is missing."""
+    """(n - count + 1,) the largest travel of a joint within each run of samples; infinite where one is missing."""
     runs = np.lib.stride_tricks.sliding_window_view(position, count, axis=0)
     travel = (runs.max(axis=2) - runs.min(axis=2)).max(axis=1)
     return np.where(np.isfinite(travel), travel, np.inf)
@@ -123,14 +126,19 @@ def _piece(aligned: Aligned, start: int, stop: int, width: int, turning: _Turnin
     )
 
 
+def _noise_travel(aligned: Aligned) -> np.ndarray:
+    """(j,) how far each joint has to travel before that is told from its sensor's noise and resolution."""
+    noise = np.sqrt([noise_variance(column) for column in aligned.measured.T])
+    return STIRS_SIGMA * np.maximum(noise, LEAST_NOISE_RAD)
+
+
 class _Turning:
     """Where the joints of a recording turn, by more than their noise makes of them."""
 
-    def __init__(self, aligned: Aligned) -> None:
-        self._states = aligned.states
-        noise = np.sqrt([noise_variance(column) for column in aligned.measured.T])
-        self._least = STIRS_SIGMA * np.maximum(noise, LEAST_NOISE_RAD)
-        self._at = [turning_points(column, float(d)) for column, d in zip(self._states.T, self._least, strict=True)]
+    def __init__(self, aligned: Aligned, least: np.ndarray) -> None:
+        """`least` (j,) is the travel of each joint that is told from its noise."""
+        self._states, self._least = aligned.states, least
+        self._at = [turning_points(column, float(way)) for column, way in zip(self._states.T, least, strict=True)]
 
     def before(self, start: int, pose: np.ndarray) -> Turns:
         """The turns before a sample at which the joints were at `pose` (j,) rad."""
@@ -183,7 +191,8 @@ class _Local(NamedTuple):
             cubic, variance = _curve(time_s, values, 3)
             if line_variance > BENDS * variance:
                 return cls(float(cubic[-1]), float(cubic[-2]), variance, True)
-        if abs(line[0]) < STILL_RAD_S:
+        slope_variance = line_variance / float(((time_s - time_s.mean()) ** 2).sum())
+        if line[0] ** 2 < STILL_SIGMA**2 * slope_variance:
             return cls(float(values.mean()), 0.0, line_variance, False)
         return cls(float(line[1]), float(line[0]), line_variance, False)
 

@@ -199,7 +199,7 @@ def settle_bristles(model: mujoco.MjModel, data: mujoco.MjData, turns: Mapping[i
         share = turns[dof](sliding / stiffness) if dof in turns else None
         if share is not None:
             load = share * sliding
-        elif abs(data.qvel[dof]) > _STILL_RAD_S:
+        elif abs(data.qvel[dof]) * _FULLY_S > sliding / stiffness:
             load = np.sign(data.qvel[dof]) * sliding
         else:
             load = np.clip(net[dof], -most, most)
@@ -220,7 +220,7 @@ def _has_bristle(model: mujoco.MjModel, actuator: int) -> bool:
     )
 
 
-_STILL_RAD_S = 0.05
+_FULLY_S = 0.1  # a bristle that gives way sooner at this speed is taken for bent as far as it goes
 # as numbers: an enum of MuJoCo's is not found among others by `in`
 _FILTERS = (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT))
 
