@@ -12,7 +12,6 @@ from twin_daemon.diagnosis.candidates import Hypothesis
 from twin_daemon.diagnosis.fit import FirstFit, Fit, as_fit, moved_parameters, own_columns
 from twin_daemon.diagnosis.thresholds import (
     COARSER_STEPS,
-    FINER_STEP,
     FORBIDDEN_SIGMA,
     GONE_FAR,
     LEAST_SHARE_OF_ERROR,
@@ -264,7 +263,7 @@ class PartFit:
         return 0.5 * own * float(np.log(max(self.problem.effective_samples, 2.0)))
 
     def held_out(self, fit: Fit, recordings: Sequence[Aligned], *, adjusted: bool = False) -> list[np.ndarray]:
-        """Residuals (n, k) rad of a fit on held-out recordings, with its nuisances as fitted, at a fine step.
+        """Residuals (n, k) rad of a fit on held-out recordings, with its nuisances as fitted, without a step's error.
 
         With `adjusted` its values move as far as the fitted motion leaves them uncertain: what that has not determined,
         other motion may still say without the law being wrong. One Gauss-Newton step with the fit's posterior as prior.
@@ -275,8 +274,8 @@ class PartFit:
         if adjusted and kept:
             problem = Posterior(fit.problem.twin, moved, variables, self.joints, self.floor)
             point = _adjusted(problem, point, conditional_information(fit.slopes, kept) / max(1.0, fit.chi_square))
-        fine = fit.problem.twin.at_step(FINER_STEP * float(fit.problem.twin.model.opt.timestep))
-        problem = Posterior(fine, moved, variables, self.joints, self.floor)
+        problem = Posterior(fit.problem.twin, moved, variables, self.joints, self.floor)
+        problem = problem.corrected(problem.step_errors(point))
         return [rows[0] for rows in problem.joint_residuals(point[None])]
 
 

@@ -33,7 +33,6 @@ REFIT_ROUNDS = Count(6, "rounds", "of the fit of one named effect, with new deri
 REFIT_ROLLOUTS = Count(16, "roll-outs", "of each round, beside those of its derivatives")
 REFIT_STARTS = Count(2, "starts", "of a named effect that are descended from, the best of its own")
 COARSER_STEPS = Threshold(2.0, "1", "times the time step where differences of roll-outs are compared")
-FINER_STEP = Threshold(0.25, "1", "of the time step where held-out motion is judged")
 FOUND_SHARE = Threshold(0.5, "1", "of an effect's strength: its sigma while something else is still missing")
 FOUND_LEAST_SHARE = Threshold(0.01, "1", "of its range: the least such sigma")
 
