@@ -6,8 +6,8 @@ Each stream is a life of one gate under a made-up clock: several commanders at o
 command, numbers that jump or are none, requests that are old, repeated or out of order, clocks that jump, a hand that
 falls silent or says nonsense, somebody who sends past the gate, blocked fingers, sensors that lie, a second source of
 states, a gate that is killed and started again. After every turn what was sent is held against the limits, a first
-command against what the hand has said, an overlap against where the hand truly is, and the setpoints after a protective
-stop against the contact.
+command against what the hand has said, an overlap against the last reading that can be, and the setpoints after a
+protective stop against the contact.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ from twin_daemon.simulation.twin import TwinModel
 
 PEOPLE = (Who("ann", "operator"), Who("bob", "operator"), Who("eve", "viewer"), NOBODY, None)
 _EPS = 1e-9
+_BEYOND_RAD = 0.2  # a hand's description believes readings so far beyond the range
 _AT_ONCE = 10  # streams of one job
 
 
@@ -75,16 +76,17 @@ class Watch:
         sent: Sendable | None,
         since_s: float,
         start: np.ndarray,
-        pose: np.ndarray,
-        hand: np.ndarray,
+        measured: np.ndarray,
+        there: np.ndarray,
         *,
         look: bool,
-        letting_go: bool,
+        hand: np.ndarray | None = None,
     ) -> None:
         """One turn of the gate, `since_s` after the one before; `start` (c,) is where new commands begin.
 
-        `pose` (j,) and `hand` (c,) are where the hand truly is, whatever its sensors say. Setpoints that let go come
-        back to it: they overlap no more than it does there, ahead by the margin that holds links up.
+        `measured` (j,) is what was read last that can be, and `there` (c,) where commands without a setpoint are by it.
+        `hand` (c,) is where the hand truly is while it lets go: setpoints that come back to it overlap no more than it
+        does there, ahead by the margin that holds links up.
         """
         dt_s = min(since_s, self._dt_s)
         row = self._row.copy()
@@ -115,12 +117,12 @@ class Watch:
         moved = not np.array_equal(row[given], before[given])
         self._row = row
         if moved and look:
-            then = np.where(given, row, hand)
-            found = self._preview.along(pose, then[None], now=np.where(given, self._first, hand))
-            if found is not None and letting_go:
+            then = np.where(given, row, there)
+            found = self._preview.along(measured, then[None], now=np.where(given, self._first, there))
+            if found is not None and hand is not None:
                 margin = self._limits.margin
-                there = hand + np.minimum(np.maximum(row - hand, -margin), margin)
-                found = self._preview.along(pose, then[None], now=np.where(given, there, hand))
+                held = hand + np.minimum(np.maximum(row - hand, -margin), margin)
+                found = self._preview.along(measured, then[None], now=np.where(given, held, there))
             assert found is None, str(found)
 
 
@@ -164,6 +166,10 @@ class Stream:
         parts = [[twin.joints.index(j) for j in info.joints] for info in twin.hand.description.commands.values()]
         self.starts = Starts(self.gate.limits, settings.start_tolerance_rad, parts)
         self.held = np.full(len(self.names), np.nan)  # what the hand was sent last
+        self.said = self.pose.copy()
+        self.cannot_be = np.zeros(len(self.pose))
+        ranges = np.array([twin.hand.joint_range_rad[joint] for joint in twin.joints])
+        self.least, self.most = ranges[:, 0] - _BEYOND_RAD, ranges[:, 1] + _BEYOND_RAD
 
     def _begun(self) -> Gate:
         gate = Gate(self._twin, self._settings, self._audit_sink, session="s", latch=self._latch)  # type: ignore[arg-type]
@@ -263,8 +269,10 @@ class Stream:
         if idle:
             assert sent is None, "sent without being armed"
             return
-        hand, look = self.starts.by_command(self.pose), rng.random() < 0.1
-        self.watch.turn(sent, since_s, start, self.pose, hand, look=look, letting_go=self.gate.letting_go)
+        hand = self.starts.by_command(self.pose) if self.gate.letting_go else None
+        cannot_be = self.starts.by_command(self.cannot_be) > 0.0
+        there = np.where(cannot_be, self.starts.by_command(self.said), start)
+        self.watch.turn(sent, since_s, start, self.said, there, look=rng.random() < 0.1, hand=hand)
         row = self.watch.row
         self.contact.sent(row)
         fresh = np.isfinite(row) & ~np.isfinite(before)
@@ -289,6 +297,9 @@ class Stream:
         if self.rng.random() < 0.001:
             said[self.rng.integers(len(said))] = self.rng.choice([np.nan, 1e3])
         self.gate.measured(said, self.heard_s)
+        possible = (said >= self.least) & (said <= self.most)  # no NaN is
+        self.said = np.where(possible, said, self.said)
+        self.cannot_be = np.where(np.isfinite(said), ~possible, self.cannot_be).astype(float)
         self.starts.heard(said, self.now_s)
 
     def _ask(self) -> None:
