@@ -32,10 +32,13 @@ def test_a_right_model_is_at_the_floor_whatever_its_base_does(tmp_path: Path, kp
     model = tmp_path / "arm.xml"
     model.write_text(_ARM.format(kp=kp))
     twin = TwinModel.load(load_hand(model=model))
-    aligned = align(twin, recorded(twin, _MOTION, np.random.default_rng(5), seconds=6.0, noise_rad=3e-4))
+    plant = twin.at_step(2.5e-4)  # a real arm has no time step
+    aligned = align(twin, recorded(plant, _MOTION, np.random.default_rng(5), seconds=6.0, noise_rad=3e-4))
     assert 5e-3 < aligned.travel[aligned.joints.index("held")] < MOVING_RAD, "it is held, and gives way"
     reduced = Reduction(twin, [aligned], []).of(twin, Part("moved", ("moved",), ()), ("moved",))
     assert reduced is not None
     part = PartFit(reduced.twin, reduced.train, reduced.joints)
-    assert part.times_floor.max() < 1.6  # 12 where the base was taken for still
+    assert (
+        part.times_floor.max() < 2.0
+    )  # 12 where the base was taken for still; the noise of its motion adds to the floor
     assert max(map(abs, part.base.deviations.values())) < 2.0  # sigma: at 3 it is said to stand in for something

@@ -8,19 +8,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin_daemon.comparison.noise import noise_variance
 from twin_daemon.estimation.posterior import floor_variance
 from twin_daemon.estimation.thresholds import (
     CONTACT_EVERY_S,
     CONTACT_MARGIN_M,
     LEAST_CLEAR_S,
-    LEAST_NOISE_RAD,
     LEFT_OUT_FLOORS,
     MOST_LINK_COMBINATIONS,
     MOST_PART_S,
-    STIRS_SIGMA,
 )
-from twin_daemon.estimation.windows import length_s, segments, spread
+from twin_daemon.estimation.windows import length_s, noise_travel, segments, spread
 from twin_daemon.simulation.alignment import MOVING_RAD, Aligned, moving_joints
 from twin_daemon.simulation.contacts import touching_times
 from twin_daemon.simulation.link_masses import LinkPaths
@@ -182,8 +179,7 @@ def restricted(aligned: Aligned, small: TwinModel) -> Aligned:
 
 def _stirring(recording: Aligned) -> np.ndarray:
     """(j,) bool: the joints that move by more than their noise; a soft one that is held gives way to its neighbours."""
-    noise = np.sqrt([noise_variance(column) for column in recording.measured.T])
-    return recording.travel > np.minimum(STIRS_SIGMA * np.maximum(noise, LEAST_NOISE_RAD), MOVING_RAD)
+    return recording.travel > np.minimum(noise_travel(recording), MOVING_RAD)
 
 
 def _poses(twin: TwinModel, recording: Aligned) -> np.ndarray:

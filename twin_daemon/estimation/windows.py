@@ -41,7 +41,7 @@ def segments(aligned: Aligned, joints: Sequence[str], touching: np.ndarray | Non
     With `touching` (n,) bool the samples at which they touch something are left out, and some time around them.
     """
     columns = [aligned.joints.index(joint) for joint in joints]
-    least = _noise_travel(aligned)
+    least = noise_travel(aligned)
     time_s, position = aligned.time_s, aligned.states[:, columns] / least[columns]
     width = max(2, round(STILL_S / float(np.median(np.diff(time_s)))))
     spans = [(0, len(time_s))] if touching is None or not touching.any() else _free(time_s, touching)
@@ -126,7 +126,7 @@ def _piece(aligned: Aligned, start: int, stop: int, width: int, turning: _Turnin
     )
 
 
-def _noise_travel(aligned: Aligned) -> np.ndarray:
+def noise_travel(aligned: Aligned) -> np.ndarray:
     """(j,) how far each joint has to travel before that is told from its sensor's noise and resolution."""
     noise = np.sqrt([noise_variance(column) for column in aligned.measured.T])
     return STIRS_SIGMA * np.maximum(noise, LEAST_NOISE_RAD)
