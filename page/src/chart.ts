@@ -194,6 +194,7 @@ function mark(plot: uPlot, at: number | null): void {
   plot.ctx.save();
   plot.ctx.strokeStyle = colour("accent");
   plot.ctx.lineWidth = 2;
+  plot.ctx.setLineDash([]);
   plot.ctx.beginPath();
   plot.ctx.moveTo(x, top);
   plot.ctx.lineTo(x, top + height);
