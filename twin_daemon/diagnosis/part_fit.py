@@ -72,7 +72,13 @@ class PartFit:
         """From where they were beside the last effect; where that ends badly, from nominal values as well."""
         problem = self.problem
         if after is None:
-            return as_fit(None, problem, self._settled(problem.start, None))
+            found = self._settled(problem.start, None)
+            if not self._is_within_floor(found.point, found.rows):
+                # the time step's error is another one where the nuisances have come to
+                self.corrections = problem.step_errors(found.point)
+                self.problem = problem = problem.corrected(self.corrections)
+                found = self._settled(found.point, None)
+            return as_fit(None, problem, found)
         found = self._settled(problem.start_from(after.nuisances), self._taken_over(after))
         if not self._is_within_floor(found.point, found.rows):
             again = self._settled(problem.start, None)
