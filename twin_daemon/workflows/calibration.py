@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from twin_daemon.workflows.data_check import warn_before_fit
 from twin_daemon.workflows.progress import progress_bar
-from twin_daemon.workflows.session import Session
+from twin_daemon.workflows.session import Session, held_out, used
 
 if TYPE_CHECKING:
     from twin_daemon.calibration.calibrate import Calibration
@@ -29,18 +29,15 @@ def calibrated(
     """(what the command writes, the same as values); the version is stored."""
     from twin_daemon.calibration.calibrate import calibrate
     from twin_daemon.calibration.spaces import load_space
-    from twin_daemon.comparison.split import hold_out
     from twin_daemon.executor import on_cluster
 
     chosen = load_space(space)
-    notes = warn_before_fit(session, train)
-    if not held:
-        train, held = hold_out(train)
-        notes.append("no --holdout: every third stretch of each recording is held out, so the intervals are wider")
+    warnings = warn_before_fit(session, train)
+    train, held, notes = held_out(train, held)
     with on_cluster(cluster), progress_bar(f"{search} over '{chosen.name}'", budget) as report:
         result = calibrate(session.twin, train, held, chosen, search, budget=budget, seed=seed, progress=report)
     stored = _store(session, result, train, held, chosen.name, search, budget, seed)
-    return _payload(result, stored, notes, chosen.name, search, seed), result
+    return _payload(result, stored, [*warnings, *notes], chosen.name, search, seed), result
 
 
 def _store(
@@ -54,7 +51,7 @@ def _store(
     seed: int,
 ) -> Proposed:
     """Stores the calibration, as the candidate where it is better."""
-    from twin_daemon.versions import Draft, ParameterRecord, RecordingUsed
+    from twin_daemon.versions import Draft, ParameterRecord
 
     twin = session.twin.changed(result.terms)
     draft = Draft(
@@ -75,8 +72,8 @@ def _store(
             )
             for name, p in result.parameters.items()
         },
-        fitted_on=tuple(RecordingUsed(name=r.recording.name, sha256=r.recording.sha256) for r in train),
-        held_out_on=tuple(RecordingUsed(name=r.recording.name, sha256=r.recording.sha256) for r in held),
+        fitted_on=used(train),
+        held_out_on=used(held),
         errors=_errors_to_keep(result),
         search={"name": search, "space": space, "budget": budget, "evaluations": result.evaluations},
         seed=seed,

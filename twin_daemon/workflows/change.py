@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from twin_daemon.errors import BadInput, nearest
 from twin_daemon.places import ROBOT
 from twin_daemon.workflows.diagnosis import train_and_held
-from twin_daemon.workflows.session import Session
+from twin_daemon.workflows.session import Session, used
 from twin_daemon.workflows.take_over import Taken
 
 if TYPE_CHECKING:
@@ -178,7 +178,7 @@ def draft_of(
     held: Sequence[Aligned],
 ) -> Draft:
     """The version of a changed twin, with the errors and fitted values that a payload has."""
-    from twin_daemon.versions import Draft, ParameterRecord, RecordingUsed
+    from twin_daemon.versions import Draft, ParameterRecord
 
     names = ("before", "after", "holdout_before", "holdout_after", "clear_holdout_before", "clear_holdout_after")
     moving = [name for i, name in enumerate(changed.joints) if any(r.moving[i] for r in train)]
@@ -192,8 +192,8 @@ def draft_of(
             name: ParameterRecord(value=p["value"], unit=p["unit"], ci95=p["ci95"], at_bound=p.get("at_bound", False))
             for name, p in payload.get("parameters", {}).items()
         },
-        fitted_on=tuple(RecordingUsed(name=r.recording.name, sha256=r.recording.sha256) for r in train),
-        held_out_on=tuple(RecordingUsed(name=r.recording.name, sha256=r.recording.sha256) for r in held),
+        fitted_on=used(train),
+        held_out_on=used(held),
         seed=payload.get("seed"),
         errors={**{name: payload[name] for name in names if name in payload}, "joints": moving} if train else {},
     )

@@ -96,7 +96,7 @@ def diagnosed_since(
     """(what the command writes, the same as values)."""
     from twin_daemon.changes.search import changes_since
     from twin_daemon.executor import TimeLimit
-    from twin_daemon.workflows.diagnosis import joint_names, read_from
+    from twin_daemon.workflows.diagnosis import ended_early, joint_names, read_from
     from twin_daemon.workflows.progress import streaming
 
     _require_another(recorded, earlier.recordings)
@@ -113,11 +113,7 @@ def diagnosed_since(
             stream=say,
             limit=TimeLimit(wall_s=within_s),
         )
-    if found.interrupted and not found.parts and within_s is None:
-        raise KeyboardInterrupt  # nothing has been judged, so there is no verdict to keep
-    notes = [*found.notes, *([earlier.note] if earlier.note else [])]
-    if found.interrupted:
-        notes.append(f"ended early: the verdict speaks of {', '.join(found.parts) or 'nothing'} only")
+    notes = [*found.notes, *([earlier.note] if earlier.note else []), *ended_early(found, within_s)]
     about = {
         "hand": session.hand.name,
         "version": session.version,

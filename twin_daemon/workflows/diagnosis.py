@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from twin_daemon.diagnosis.verdict import RecordingRead
 from twin_daemon.workflows.progress import streaming
-from twin_daemon.workflows.session import Session
+from twin_daemon.workflows.session import Session, held_out
 
 if TYPE_CHECKING:
     from twin_daemon.diagnosis.verdict import Diagnosis
@@ -43,10 +43,7 @@ def judged(
     else:
         train, held, notes = train_and_held(session, train, holdout, trajectory)
         found = diagnosed(session.twin, train, held, joints=chosen, seed=seed, within_s=within_s)
-    if found.interrupted and not found.parts and within_s is None:
-        raise KeyboardInterrupt  # nothing has been judged, so there is no verdict to keep
-    if found.interrupted:
-        notes.append(f"ended early: the verdict speaks of {', '.join(found.parts) or 'nothing'} only")
+    notes += ended_early(found, within_s)
     if found.verdict in ("ambiguous", "not_excited"):
         from twin_daemon.diagnosis.experiment_design import next_experiment
         from twin_daemon.resources import state_dir
@@ -64,6 +61,16 @@ def judged(
     }
     found = found.model_copy(update={"notes": (*notes, *found.notes), **about})
     return {**found.model_dump(by_alias=True), "wall_s": time.perf_counter() - began}, found
+
+
+def ended_early(found: Diagnosis, within_s: float | None) -> list[str]:
+    """What has to be said of an answer that was interrupted. KeyboardInterrupt where it says nothing, and nobody asked
+    for what is known by then."""
+    if found.interrupted and not found.parts and within_s is None:
+        raise KeyboardInterrupt
+    return (
+        [f"ended early: the verdict speaks of {', '.join(found.parts) or 'nothing'} only"] if found.interrupted else []
+    )
 
 
 def read_from(recordings: Sequence[Aligned]) -> tuple[RecordingRead, ...]:
@@ -90,13 +97,7 @@ def train_and_held(
     session: Session, recorded: Sequence[Aligned], holdout: Sequence[Path] | None, trajectory: str | None
 ) -> tuple[list[Aligned], list[Aligned], list[str]]:
     """(recordings to fit, recordings to judge by, what has to be said about them)."""
-    from twin_daemon.comparison.split import hold_out
-
-    held = session.recordings(holdout or [], trajectory)
-    if held:
-        return list(recorded), held, []
-    train, held = hold_out(recorded)
-    return train, held, ["no --holdout: every third stretch of each recording is held out, so the intervals are wider"]
+    return held_out(recorded, session.recordings(holdout or [], trajectory))
 
 
 def _too_short(names: Sequence[str]) -> Diagnosis:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from twin_daemon.workflows.calibration import fitted_values
 from twin_daemon.workflows.change import draft_of
 from twin_daemon.workflows.progress import progress_bar, progress_console
-from twin_daemon.workflows.session import Session
+from twin_daemon.workflows.session import Session, held_out
 
 if TYPE_CHECKING:
     from twin_daemon.recalibration.recalibrate import Recalibration
@@ -28,13 +28,9 @@ def recalibrated(
 ) -> tuple[dict[str, Any], Recalibration]:
     """(what the command writes, the same as values); the version is stored, and promoted where that is asked for and
     it is better."""
-    from twin_daemon.comparison.split import hold_out
     from twin_daemon.recalibration.recalibrate import recalibrate
 
-    notes = []
-    if not held:
-        train, held = hold_out(train)
-        notes.append("no --holdout: every third stretch of each recording is held out, so the intervals are wider")
+    train, held, notes = held_out(train, held)
     began = time.monotonic()
     console = progress_console()
     with progress_bar("Bayesian search over 'wear'", budget) as report:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from twin_daemon.hand import Hand
     from twin_daemon.simulation.alignment import Aligned
     from twin_daemon.simulation.twin import TwinModel
-    from twin_daemon.versions import VersionStore
+    from twin_daemon.versions import RecordingUsed, VersionStore
 
 log = logging.getLogger("twin")
 
@@ -83,6 +83,27 @@ def open_session(
     if record.id == NOMINAL:
         return Session(found, nominal, None, store, joint_map)
     return Session(found, nominal.changed(_terms(record.terms)), record.id, store, joint_map)
+
+
+def held_out(recorded: Sequence[Aligned], held: Sequence[Aligned]) -> tuple[list[Aligned], list[Aligned], list[str]]:
+    """(recordings to fit, recordings to judge by, what has to be said about them): without any given a part of each."""
+    from twin_daemon.comparison.split import hold_out
+
+    if held:
+        return list(recorded), list(held), []
+    train, judged = hold_out(recorded)
+    return (
+        train,
+        judged,
+        ["no --holdout: every third stretch of each recording is held out, so the intervals are wider"],
+    )
+
+
+def used(recordings: Sequence[Aligned]) -> tuple[RecordingUsed, ...]:
+    """The recordings as a version names them."""
+    from twin_daemon.versions import RecordingUsed
+
+    return tuple(RecordingUsed(name=r.recording.name, sha256=r.recording.sha256) for r in recordings)
 
 
 def silence_mujoco() -> None:
