@@ -281,8 +281,9 @@ class PartFit:
             problem = Posterior(fit.problem.twin, moved, variables, self.joints, self.floor)
             point = _adjusted(problem, point, conditional_information(fit.slopes, kept) / max(1.0, fit.chi_square))
         problem = Posterior(fit.problem.twin, moved, variables, self.joints, self.floor)
-        problem = problem.corrected(problem.step_errors(point))
-        return [rows[0] for rows in problem.joint_residuals(point[None])]
+        predicted = problem.predict(point[None])
+        problem = problem.corrected(problem.step_errors(point, predicted))
+        return [rows[0] for rows in problem.joint_residuals(point[None], predicted)]
 
 
 def _adjusted(problem: Posterior, point: np.ndarray, information: np.ndarray) -> np.ndarray:

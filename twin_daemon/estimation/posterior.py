@@ -92,9 +92,9 @@ class Posterior(Problem):
     def _controls(self, recording: Aligned, grid: np.ndarray, onset_s: float) -> np.ndarray:
         return recording.controls(self.twin, grid, onset_s, mean_over_s=float(self.twin.model.opt.timestep))
 
-    def joint_residuals(self, points: np.ndarray) -> list[np.ndarray]:
+    def joint_residuals(self, points: np.ndarray, predicted: Sequence[np.ndarray] | None = None) -> list[np.ndarray]:
         """Measured minus predicted (B, n, k) rad, the nominal model's time-step error taken out."""
-        residuals = super().joint_residuals(points)
+        residuals = super().joint_residuals(points, predicted)
         if not self.corrections:
             return residuals
         zipped = zip(residuals, self.corrections, self._known, strict=True)
@@ -185,14 +185,16 @@ class Posterior(Problem):
         names = [v.name for v in self.variables if v.prior is not None]
         return dict(zip(names, map(float, self.prior_residuals(point[None])[0]), strict=True))
 
-    def step_errors(self, point: np.ndarray) -> list[np.ndarray]:
+    def step_errors(self, point: np.ndarray, predicted: Sequence[np.ndarray] | None = None) -> list[np.ndarray]:
         """(n, k) rad a recording: how a point (p,) moves without a time step, less how it moves at its own.
 
         Candidates are tried at the model's own step, which is off by more than the sensors' noise where steps are
         commanded. To first order the error is the same nearby, so it is computed once and taken out (`corrections`).
         MuJoCo's integrators are of first order: a quarter of the step leaves a third of what it takes away.
+        `predicted` is what `predict` says of the point, where that is known already.
         """
-        at_quarter, own = self.at_finer_step(FINER_STEPS, point), self.predict(point[None])
+        own = self.predict(point[None]) if predicted is None else predicted
+        at_quarter = self.at_finer_step(FINER_STEPS, point)
         whole = 1.0 + 1.0 / (FINER_STEPS - 1.0)
         return [whole * (fine - coarse[0]) for fine, coarse in zip(at_quarter, own, strict=True)]
 
@@ -215,8 +217,8 @@ def floor_and_corrections(
     floor = floor_variance(recordings, joints)
     nominal = Posterior(twin, recordings, variables, joints, floor)
     point = nominal.start
-    errors = nominal.step_errors(point)
     own = nominal.predict(point[None])
+    errors = nominal.step_errors(point, own)
     half = nominal.at_finer_step(2.0, point)
     each = zip(errors, half, own, strict=True)
     beside = [2.0 * (0.5 * error - (at_half - at_own[0])) for error, at_half, at_own in each]

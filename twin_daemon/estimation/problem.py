@@ -18,8 +18,9 @@ from twin_daemon.estimation.thresholds import (
 from twin_daemon.estimation.variables import LinkVariable, Settings, Variable
 from twin_daemon.simulation.alignment import Aligned, resample
 from twin_daemon.simulation.parameters import KINDS
-from twin_daemon.simulation.rollout import Bent, remembers, roll_out
+from twin_daemon.simulation.rollout import remembers, roll_out
 from twin_daemon.simulation.terms import EffectTerm, Terms
+from twin_daemon.simulation.turns import Bent
 from twin_daemon.simulation.twin import TwinModel
 
 
@@ -205,10 +206,14 @@ class Problem:
         """Controls (T, nu) of a roll-out on a grid of times (T,) s."""
         return recording.controls(self.twin, grid, onset_s)
 
-    def joint_residuals(self, points: np.ndarray) -> list[np.ndarray]:
-        """Measured minus predicted in rad, (B, n, k) a recording; what was not measured counts as 0."""
+    def joint_residuals(self, points: np.ndarray, predicted: Sequence[np.ndarray] | None = None) -> list[np.ndarray]:
+        """Measured minus predicted in rad, (B, n, k) a recording; what was not measured counts as 0.
+
+        `predicted` is what `predict` says of the points, where that is known already.
+        """
         out = []
-        for recording, known, read in zip(self.recordings, self._known, self.predict(points), strict=True):
+        readings = self.predict(points) if predicted is None else predicted
+        for recording, known, read in zip(self.recordings, self._known, readings, strict=True):
             measured = np.where(known, recording.measured[:, self._columns], 0.0)
             gap = np.where(known[None], measured[None] - read, 0.0)
             out.append(np.nan_to_num(gap, nan=DIVERGED_RAD, posinf=DIVERGED_RAD, neginf=-DIVERGED_RAD))

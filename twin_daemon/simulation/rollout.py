@@ -5,16 +5,14 @@ Runs on `mujoco.batch`, whose results are bit-identical to a plain mj_step loop 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import mujoco
 import numpy as np
 from mujoco import batch
 
 from twin_daemon.executor import thread_count
-
-Bent = Callable[[float], float | None]
-"""How far, from -1 to 1, a bristle that gives way over so many rad is bent; None where nothing says that."""
+from twin_daemon.simulation.turns import Bent
 
 # A chunk of simulations keeps its controls and positions in memory at once; this bounds both.
 _CHUNK_BYTES = 256 * 2**20

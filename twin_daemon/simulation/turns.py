@@ -8,6 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+Bent = Callable[[float], float | None]
+"""How far, from -1 to 1, a bristle that gives way over so many rad is bent; None where nothing says that."""
+
 _RESOLVED = 3.0  # times the smallest way that is told from noise: a bristle that gives way sooner forgets unseen
 _FORGOTTEN = 0.1  # of what a bristle was bent by before it was seen
 
@@ -22,7 +25,7 @@ class Turns:
     angles: tuple[np.ndarray, ...]
     least_rad: np.ndarray
 
-    def by_dof(self, dofs: Sequence[int]) -> dict[int, Callable[[float], float | None]]:
+    def by_dof(self, dofs: Sequence[int]) -> dict[int, Bent]:
         """`bent` of each joint, by its degree of freedom in a model (j,)."""
         return {int(dof): functools.partial(self.bent, joint) for joint, dof in enumerate(dofs)}
 
