@@ -36,7 +36,6 @@ from twin_daemon.simulation.twin import TwinModel
 
 PEOPLE = (Who("ann", "operator"), Who("bob", "operator"), Who("eve", "viewer"), NOBODY, None)
 _EPS = 1e-9
-_BEYOND_RAD = 0.2  # a hand's description believes readings so far beyond the range
 _AT_ONCE = 10  # streams of one job
 
 
@@ -169,7 +168,8 @@ class Stream:
         self.said = self.pose.copy()
         self.cannot_be = np.zeros(len(self.pose))
         ranges = np.array([twin.hand.joint_range_rad[joint] for joint in twin.joints])
-        self.least, self.most = ranges[:, 0] - _BEYOND_RAD, ranges[:, 1] + _BEYOND_RAD
+        beyond = np.array([twin.hand.description.joints[joint].range_tolerance_rad for joint in twin.joints])
+        self.least, self.most = ranges[:, 0] - beyond, ranges[:, 1] + beyond
 
     def _begun(self) -> Gate:
         gate = Gate(self._twin, self._settings, self._audit_sink, session="s", latch=self._latch)  # type: ignore[arg-type]
