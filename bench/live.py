@@ -187,7 +187,7 @@ def main() -> None:
         rounds = max(1, round(chosen.seconds / _PHASE_S))
         for _ in range(rounds):
             for who in ("echo", "daemon"):
-                phase("quiet", who, _FAST_HZ, min(_PHASE_S, chosen.seconds))
+                phase("idle", who, _FAST_HZ, min(_PHASE_S, chosen.seconds))
         for who in ("echo", "daemon"):
             phase("usual rate", who, _USUAL_HZ, min(_PHASE_S, chosen.seconds))
         with calibrating(folder):
@@ -209,16 +209,16 @@ def _summary(phases: list[dict[str, Any]]) -> dict[str, Any]:
         return float(np.median(of(label, who, what)))
 
     return {
-        "lost_at_1_khz": sum(of("quiet", "daemon", "lost")),
-        "sent_at_1_khz": sum(of("quiet", "daemon", "sent")),
-        "p99_over_echo": middle("quiet", "daemon", "p99_ms") / middle("quiet", "echo", "p99_ms"),
+        "lost_at_1_khz": sum(of("idle", "daemon", "lost")),
+        "sent_at_1_khz": sum(of("idle", "daemon", "sent")),
+        "p99_over_echo": middle("idle", "daemon", "p99_ms") / middle("idle", "echo", "p99_ms"),
         "p99_over_undisturbed_while_calibrating": middle("calibrating", "daemon", "p99_ms")
-        / middle("quiet", "daemon", "p99_ms"),
+        / middle("idle", "daemon", "p99_ms"),
         "p99_of_echo_over_undisturbed_while_calibrating": middle("calibrating", "echo", "p99_ms")
-        / middle("quiet", "echo", "p99_ms"),
+        / middle("idle", "echo", "p99_ms"),
         "lost_while_calibrating": sum(of("calibrating", "daemon", "lost")),
         "core_share_at_125_hz": middle("usual rate", "daemon", "core_share"),
-        "memory_growth_mb": of("quiet", "daemon", "memory_mb")[-1] - of("quiet", "daemon", "memory_mb")[0],
+        "memory_growth_mb": of("idle", "daemon", "memory_mb")[-1] - of("idle", "daemon", "memory_mb")[0],
     }
 
 

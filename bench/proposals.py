@@ -114,7 +114,7 @@ def _page(rows: list[dict[str, Any]], half: str) -> str:
         "# Laws that nobody wrote: measured",
         "",
         f"The {half} half of `bench/proposals.py`: the small arm of `bench/foreign_laws.py` with one law at its elbow,",
-        "parameters up to 10 % off, readings with noise of 0.5 mrad, judged on other motion, half again as fast.",
+        "parameters up to 10 % off, readings with noise of 0.5 mrad, validated on other motion, half again as fast.",
         "The verdict `unexplained` is given; the search alone is measured.",
         "",
         f"- right port and variables: {right} of {len(laws)}",

@@ -1,13 +1,16 @@
-"""Options that take several values."""
+"""Options that take several values, and those that several commands share."""
 
 from __future__ import annotations
 
+import ast
+from collections import Counter
 from pathlib import Path
 from typing import Annotated
 
 import pytest
 import typer
 
+import twin_daemon.cli
 from twin_daemon.cli.command import expand, single
 from twin_daemon.cli.failures import guarded
 from twin_daemon.cli.options import Holdouts, Recordings, settings
@@ -55,3 +58,13 @@ def test_settings_are_numbers_by_name() -> None:
 def test_a_setting_that_is_none_is_wrong_usage(pair: str) -> None:
     with pytest.raises(UsageError, match="name=value"):
         settings([pair])
+
+
+def test_an_option_that_several_commands_have_is_written_down_once() -> None:
+    written: Counter[str] = Counter()
+    for path in Path(twin_daemon.cli.__path__[0]).glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) in ("typer.Option", "typer.Argument"):
+                written[ast.unparse(node)] += 1
+    assert sum(written.values()) > 50
+    assert [text for text, times in written.items() if times > 1] == []

@@ -11,10 +11,10 @@ from typing import Any
 
 from twin_daemon import api
 from twin_daemon.api import results
-from twin_daemon.cli.reference_page import code_cell
 from twin_daemon.diagnosis import verdict
 from twin_daemon.estimation.estimate import Estimate
 from twin_daemon.files import write_atomically
+from twin_daemon.tables import code_cell
 
 _HEAD = """\
 # Python API

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, Self
 
 from pydantic import BaseModel, ConfigDict, PrivateAttr
 
-from twin_daemon.cli.tables import slim_table
 from twin_daemon.diagnosis import verdict
 from twin_daemon.jsonable import plain
+from twin_daemon.tables import slim_table
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go  # pyright: ignore[reportMissingTypeStubs]

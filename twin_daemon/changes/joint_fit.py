@@ -120,7 +120,7 @@ class Pair:
         return np.concatenate([shared, delays[:held]]), np.concatenate([shared + change, delays[held:]])
 
     def rows(self, point: np.ndarray) -> np.ndarray:
-        """(m,) whitened residuals of both."""
+        """(m,) residuals of both in standard deviations."""
         before, now = self.points(point)
         return np.concatenate([*([self.before.rows(before)] if self.before else []), self.now.rows(now)])
 

@@ -111,11 +111,11 @@ class Session:
         return out
 
     def rows(self, point: np.ndarray) -> np.ndarray:
-        """(m,) whitened residuals at a point."""
+        """(m,) residuals in standard deviations at a point."""
         return self.gaps(point[None])[0] * self.weights
 
     def slopes(self, point: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """(m, q + o) derivative of the whitened residuals (m,) at a point."""
+        """(m, q + o) derivative of these residuals (m,) at a point."""
         count = len(self.quantities)
         out = np.zeros((len(rows), len(point)))
         for index, column in self.columns.items():

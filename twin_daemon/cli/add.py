@@ -3,33 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import Any
 
 from twin_daemon.cli import options
 from twin_daemon.cli.calibrate import say_stored
 from twin_daemon.cli.console import emit_json, people, plain_text, require_folder
 from twin_daemon.cli.diagnose import show_free_errors
-from twin_daemon.cli.tables import slim_table
 from twin_daemon.errors import UsageError
+from twin_daemon.tables import slim_table
 from twin_daemon.workflows.change import (
     added_to,
 )
 from twin_daemon.workflows.session import open_session
 from twin_daemon.workflows.take_over import read_finding
 
-if TYPE_CHECKING:
-    pass
-
-Key = Annotated[str, typer.Argument(metavar="EFFECT", help="A key of the library: twin effects lists them.")]
-OptionalKey = Annotated[
-    str | None, typer.Argument(metavar="EFFECT", help="A key of the library: twin effects lists them.")
-]
-
 
 def command(
-    effect: OptionalKey = None,
+    effect: options.OptionalEffectKey = None,
     joint: options.OptionalJointNames = None,
     finding: options.FindingRef = None,
     set: options.Settings = None,

@@ -10,8 +10,8 @@ import typer
 
 from twin_daemon.cli.command import Group
 from twin_daemon.cli.console import emit_json, people, plain_text
-from twin_daemon.cli.options import HandName, Json, Model
-from twin_daemon.cli.run import AUDIT, Namespace, hand_folder, load_named
+from twin_daemon.cli.options import HandName, Json, Model, Namespace
+from twin_daemon.cli.run import AUDIT, hand_folder, load_named
 from twin_daemon.errors import BadInput
 
 app = Group("The audit log: who asked for what, what was answered, and whether the log is intact.")

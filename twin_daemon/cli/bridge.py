@@ -8,8 +8,7 @@ from typing import Any
 import typer
 
 from twin_daemon.cli.command import Group, TwinCommand
-from twin_daemon.cli.options import HandName, Seconds
-from twin_daemon.cli.run import Endpoint, Namespace
+from twin_daemon.cli.options import Endpoint, HandName, Namespace, Seconds
 
 ROS_ARGS = "--ros-args"
 log = logging.getLogger("twin.bridge")

@@ -8,12 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from twin_daemon.cli import options
-from twin_daemon.cli.commanding import As
 from twin_daemon.cli.console import emit_json, people, plain_text, require_folder
 from twin_daemon.cli.drive import drive
-from twin_daemon.cli.run import Endpoint, Namespace
-from twin_daemon.cli.tables import by_kind, place_of, slim_table
 from twin_daemon.errors import UsageError
+from twin_daemon.tables import by_kind, place_of, slim_table
 from twin_daemon.workflows.calibration import calibrated
 from twin_daemon.workflows.session import open_session
 
@@ -47,9 +45,9 @@ def command(
     terms: options.Terms = None,
     trajectory: options.TrajectoryRef = None,
     joint_map: options.JointMap = None,
-    name: As = "operator",
-    namespace: Namespace = None,
-    endpoint: Endpoint = None,
+    name: options.As = "operator",
+    namespace: options.Namespace = None,
+    endpoint: options.Endpoint = None,
     cluster: options.Cluster = None,
     json: options.Json = None,
 ) -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from twin_daemon.cli import options
 from twin_daemon.cli.console import counted, emit_json, people, plain_text, require_folder
-from twin_daemon.cli.tables import by_kind, place_of, slim_table
+from twin_daemon.tables import by_kind, place_of, slim_table
 from twin_daemon.workflows.data_check import checked
 from twin_daemon.workflows.session import open_session
 

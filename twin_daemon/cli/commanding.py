@@ -8,9 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from twin_daemon.cli.leases import kept_lease, lease_file
 from twin_daemon.cli.run import load_named
@@ -25,11 +23,6 @@ if TYPE_CHECKING:
     from twin_daemon.services.stop import Stoppable
     from twin_daemon.signals.trajectory import Trajectory
 
-As = Annotated[
-    str,
-    typer.Option("--as", metavar="NAME", help="Which identity of the key file asks (TWIN_KEYS names another file)."),
-]
-Reason = Annotated[str, typer.Option("--reason", metavar="TEXT", help="Why, for the audit log.")]
 _POLL_S = 0.1
 _PATIENCE_S = 5.0
 

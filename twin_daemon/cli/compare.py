@@ -9,7 +9,7 @@ import typer
 
 from twin_daemon.cli import options
 from twin_daemon.cli.console import counted, emit_json, people, plain_text, require_folder
-from twin_daemon.cli.tables import slim_table
+from twin_daemon.tables import slim_table
 from twin_daemon.workflows.session import open_session
 
 

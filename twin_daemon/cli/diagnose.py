@@ -11,10 +11,10 @@ from pydantic import ValidationError
 
 from twin_daemon.cli import options
 from twin_daemon.cli.console import emit_json, people, plain_text, require_folder
-from twin_daemon.cli.tables import slim_table
 from twin_daemon.diagnosis.verdict import IN_WORDS, in_hundred
 from twin_daemon.errors import BadInput
 from twin_daemon.hand.schema import NominalUncertainty
+from twin_daemon.tables import slim_table
 from twin_daemon.workflows.diagnosis import judged
 from twin_daemon.workflows.session import open_session
 

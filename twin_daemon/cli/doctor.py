@@ -17,8 +17,7 @@ from pathlib import Path
 from typing import Literal
 
 from twin_daemon.cli.console import counted, emit_json, people, plain_text
-from twin_daemon.cli.options import Json
-from twin_daemon.cli.run import Endpoint
+from twin_daemon.cli.options import Endpoint, Json
 
 Level = Literal["ok", "note", "problem"]
 _PACKAGES = ("twin_daemon", "mujoco", "eclipse-zenoh", "rosbags", "numpy", "scipy", "scikit-optimize", "pydantic")

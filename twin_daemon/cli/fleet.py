@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from twin_daemon.cli.console import emit_json, people, plain_text
-from twin_daemon.cli.options import Json
-from twin_daemon.cli.run import Endpoint
+from twin_daemon.cli.options import Endpoint, Json
 from twin_daemon.errors import NoAnswer
 
 if TYPE_CHECKING:
@@ -44,7 +43,7 @@ def command(endpoint: Endpoint = None, seconds: Seconds = 3.0, json: Json = None
 
 
 def _table(address: str, hands: dict[str, HandSeen]) -> Table:
-    from twin_daemon.cli.tables import slim_table
+    from twin_daemon.tables import slim_table
 
     headings = ("namespace", "hand, version", "state, age", "drift", "worst joint, rms", "gate")
     table = slim_table(f"Hands at {address}", headings, words=headings[1:])

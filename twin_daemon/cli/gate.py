@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from twin_daemon.cli.options import HandName, Model, Seconds, VersionRef
-from twin_daemon.cli.run import AUDIT, Endpoint, Namespace, hand_folder, load_named, machine_keyring
+from twin_daemon.cli.options import Config, Endpoint, HandName, Model, Namespace, Seconds, VersionRef
+from twin_daemon.cli.run import AUDIT, hand_folder, load_named, machine_keyring
 from twin_daemon.errors import BadInput, TwinError
 from twin_daemon.resources import SWITCH_S
 from twin_daemon.workflows.session import silence_mujoco
@@ -36,7 +36,7 @@ _LOCK_S = 5.0  # the gate of a daemon that was killed needs so long to bring the
 
 
 def command(
-    config: Annotated[Path | None, typer.Option("--config", "-c", metavar="twin.yaml", help="Configuration.")] = None,
+    config: Config = None,
     hand: HandName = None,
     model: Model = None,
     version: VersionRef = None,

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from twin_daemon.cli.console import people, plain_text, require_folder
-from twin_daemon.cli.options import HandName, Model, Seconds, Seed
-from twin_daemon.cli.run import Endpoint, Namespace, load_named
+from twin_daemon.cli.options import Endpoint, HandName, Model, Namespace, Seconds, Seed
+from twin_daemon.cli.run import load_named
 from twin_daemon.errors import BadInput, UsageError
 
 if TYPE_CHECKING:

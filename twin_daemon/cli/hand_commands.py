@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from twin_daemon.cli.command import Group
-from twin_daemon.cli.commanding import As, Reason, accepted, body_of, follow_motion, gate_connection
+from twin_daemon.cli.commanding import accepted, body_of, follow_motion, gate_connection
 from twin_daemon.cli.console import emit_json, people, plain_text
 from twin_daemon.cli.leases import keep_lease, lease_file
-from twin_daemon.cli.options import HandName, Json, Model
-from twin_daemon.cli.run import Endpoint, Namespace, load_named
+from twin_daemon.cli.options import As, Endpoint, HandName, Json, Model, Namespace, Reason
+from twin_daemon.cli.run import load_named
 from twin_daemon.errors import Refused, UsageError
 from twin_daemon.workflows.progress import progress_console
 
@@ -237,7 +237,7 @@ def _motion(connection: GateConnection, verb: str, body: dict[str, Any], json: s
 
 
 def _show_rehearsal(found: dict[str, Any], json: str | None) -> None:
-    from twin_daemon.cli.tables import slim_table
+    from twin_daemon.tables import slim_table
 
     console = people(json)
     table = slim_table("on the twin", ("command", "peak effort", "of what the motor can", "behind by rad"))

@@ -10,8 +10,8 @@ import typer
 from twin_daemon.cli import options
 from twin_daemon.cli.calibrate import say_stored
 from twin_daemon.cli.console import emit_json, people, plain_text, require_folder
-from twin_daemon.cli.tables import slim_table
 from twin_daemon.diagnosis.verdict import IN_WORDS
+from twin_daemon.tables import slim_table
 from twin_daemon.workflows.ladder import laddered
 from twin_daemon.workflows.session import open_session
 

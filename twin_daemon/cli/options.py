@@ -20,14 +20,22 @@ Model = Annotated[
     Path | None,
     typer.Option("--model", metavar="FILE.xml", help="Any MJCF whose joints bear the names in the data."),
 ]
-Recordings = Annotated[
-    list[Path],
-    typer.Option("--recording", metavar="R...", help="Recordings: ROS 1 or 2 bags, MCAP, CSV."),
+Endpoint = Annotated[
+    str | None,
+    typer.Option("--endpoint", metavar="ENDPOINT", help="Zenoh endpoint; default TWIN_ENDPOINT or tcp/127.0.0.1:7447."),
 ]
-OptionalRecordings = Annotated[
-    list[Path] | None,
-    typer.Option("--recording", metavar="R...", help="Recordings: ROS 1 or 2 bags, MCAP, CSV."),
+Namespace = Annotated[
+    str | None, typer.Option("--namespace", metavar="NS", help="First part of the keys; default the hand's name.")
 ]
+Config = Annotated[Path | None, typer.Option("--config", "-c", metavar="twin.yaml", help="Configuration.")]
+As = Annotated[
+    str,
+    typer.Option("--as", metavar="NAME", help="Which identity of the key file asks (TWIN_KEYS names another file)."),
+]
+Reason = Annotated[str, typer.Option("--reason", metavar="TEXT", help="Why, for the audit log.")]
+_RECORDING = typer.Option("--recording", metavar="R...", help="Recordings: ROS 1 or 2 bags, MCAP, CSV.")
+Recordings = Annotated[list[Path], _RECORDING]
+OptionalRecordings = Annotated[list[Path] | None, _RECORDING]
 Holdouts = Annotated[
     list[Path] | None,
     typer.Option("--holdout", metavar="R...", help="Validation data: recordings that the fit never sees."),
@@ -54,14 +62,12 @@ Joints = Annotated[
     list[str] | None,
     typer.Option("--joints", metavar="J...", help="Only these joints."),
 ]
-JointNames = Annotated[
-    list[str],
-    typer.Option("--joint", metavar="J...", help="Joints that the effect acts on."),
-]
-OptionalJointNames = Annotated[
-    list[str] | None,
-    typer.Option("--joint", metavar="J...", help="Joints that the effect acts on."),
-]
+_EFFECT = typer.Argument(metavar="EFFECT", help="A key of the library: twin effects lists them.")
+EffectKey = Annotated[str, _EFFECT]
+OptionalEffectKey = Annotated[str | None, _EFFECT]
+_JOINT = typer.Option("--joint", metavar="J...", help="Joints that the effect acts on.")
+JointNames = Annotated[list[str], _JOINT]
+OptionalJointNames = Annotated[list[str] | None, _JOINT]
 FindingRef = Annotated[
     str | None,
     typer.Option(

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from twin_daemon.cli.console import emit_json, people
-from twin_daemon.cli.options import HandName, JointMap, Json, Model, TrajectoryRef
-from twin_daemon.cli.run import Endpoint, Namespace, load_named
+from twin_daemon.cli.options import Endpoint, HandName, JointMap, Json, Model, Namespace, TrajectoryRef
+from twin_daemon.cli.run import load_named
 
 if TYPE_CHECKING:
     from twin_daemon.hand import Hand

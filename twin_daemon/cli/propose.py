@@ -10,7 +10,7 @@ import typer
 
 from twin_daemon.cli import options
 from twin_daemon.cli.console import emit_json, people, plain_text, require_folder
-from twin_daemon.cli.tables import slim_table
+from twin_daemon.tables import slim_table
 from twin_daemon.workflows.diagnosis import diagnosed, joint_names, train_and_held
 from twin_daemon.workflows.progress import streaming
 from twin_daemon.workflows.session import open_session

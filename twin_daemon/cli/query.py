@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from twin_daemon.cli.console import emit_json, people, plain_text
-from twin_daemon.cli.options import HandName, Json, Model
-from twin_daemon.cli.run import Endpoint, Namespace, load_named
+from twin_daemon.cli.options import Endpoint, HandName, Json, Model, Namespace
+from twin_daemon.cli.run import load_named
 
 if TYPE_CHECKING:
     from rich.table import Table

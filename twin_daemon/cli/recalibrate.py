@@ -8,10 +8,8 @@ import typer
 
 from twin_daemon.cli import options
 from twin_daemon.cli.calibrate import Run, say_stored
-from twin_daemon.cli.commanding import As
 from twin_daemon.cli.console import emit_json, people, plain_text, require_folder
 from twin_daemon.cli.drive import drive
-from twin_daemon.cli.run import Endpoint, Namespace
 from twin_daemon.errors import UsageError
 from twin_daemon.workflows.recalibration import recalibrated
 from twin_daemon.workflows.session import open_session
@@ -42,9 +40,9 @@ def command(
     version: options.VersionRef = None,
     trajectory: options.TrajectoryRef = None,
     joint_map: options.JointMap = None,
-    name: As = "operator",
-    namespace: Namespace = None,
-    endpoint: Endpoint = None,
+    name: options.As = "operator",
+    namespace: options.Namespace = None,
+    endpoint: options.Endpoint = None,
     json: options.Json = None,
 ) -> None:
     """Fit the version in use to what the hand does now, and decide whether the result is better.

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from twin_daemon.cli.console import emit_json, people, plain_text
-from twin_daemon.cli.options import HandName, Json, Model, Seconds
-from twin_daemon.cli.run import Endpoint, Namespace, load_named
+from twin_daemon.cli.options import Endpoint, HandName, Json, Model, Namespace, Seconds
+from twin_daemon.cli.run import load_named
 from twin_daemon.errors import BadInput, NoAnswer, UsageError
 from twin_daemon.workflows.progress import progress_console
 

@@ -12,6 +12,7 @@ import typer
 from typer.core import TyperArgument, TyperGroup
 
 from twin_daemon.cli.app import COMMANDS, LIVE, OFFLINE, STATE, load
+from twin_daemon.tables import code_cell
 
 _HEAD = """\
 # Command line
@@ -173,13 +174,6 @@ def _said(command: Any) -> str:
 def _table(title: str, options: list[_Option]) -> str:
     rows = "".join(f"| {code_cell(written)} | {_plain(meaning)} |\n" for written, meaning in options)
     return f"| {title} | meaning |\n|---|---|\n{rows}"
-
-
-def code_cell(text: str) -> str:
-    """Code in a cell of a table: with a bar in it, GitHub and Python-Markdown read backticks differently."""
-    if "|" not in text:
-        return f"`{text}`"
-    return f"<code>{html.escape(text, quote=False).replace('|', '&#124;')}</code>"
 
 
 def _plain(text: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from twin_daemon.cli import options
-from twin_daemon.cli.add import Key, show_change
+from twin_daemon.cli.add import show_change
 from twin_daemon.cli.console import emit_json, require_folder
 from twin_daemon.errors import BadInput
 from twin_daemon.places import ROBOT
@@ -12,7 +12,7 @@ from twin_daemon.workflows.session import open_session
 
 
 def command(
-    effect: Key,
+    effect: options.EffectKey,
     joint: options.JointNames,
     recording: options.OptionalRecordings = None,
     holdout: options.Holdouts = None,

@@ -62,12 +62,12 @@ def command(
 
     require_folder(json, output)
     found = read_result(diagnosis, Diagnosis, "twin diagnose") if diagnosis else None
-    climbed = read_result(ladder, LadderResult, "twin ladder") if ladder else None
+    grown = read_result(ladder, LadderResult, "twin ladder") if ladder else None
     session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)
     stored = session.store.get(session.version) if session.version is not None else None
     notes = [
         *(_notes(session, diagnosis, "diagnosis", found.hand, (found.version,)) if found else []),
-        *(_notes(session, ladder, "ladder", climbed.hand, (climbed.parent, climbed.version)) if climbed else []),
+        *(_notes(session, ladder, "ladder", grown.hand, (grown.parent, grown.version)) if grown else []),
     ]
     recorded = session.recordings(recording, trajectory)
     held = session.recordings(holdout or [], trajectory)
@@ -83,7 +83,7 @@ def command(
     }  # fmt: skip
     more = {"--holdout": holdout, "--diagnosis": diagnosis, "--diagnose": diagnose, "--ladder": ladder}
     recipe = _recipe(session, stored, given, {**more, "--seed": seed if diagnose else None, "-o": output},
-                     {"recorded": recorded, "held out": held}, found, climbed)  # fmt: skip
+                     {"recorded": recorded, "held out": held}, found, grown)  # fmt: skip
     content = Content(
         hand=session.hand.name,
         motions=tuple(motions),
@@ -91,7 +91,7 @@ def command(
         parameters=tuple(parameter_rows(session.twin, stored)),
         recipe=recipe,
         diagnosis=found,
-        ladder=climbed,
+        ladder=grown,
         notes=tuple(notes),
     )
     page = render(content).encode()

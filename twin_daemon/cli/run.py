@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from twin_daemon.cli.options import HandName, Model, Seconds, VersionRef
+from twin_daemon.cli.options import Config, Endpoint, HandName, Model, Namespace, Seconds, VersionRef
 from twin_daemon.errors import UsageError
 from twin_daemon.resources import state_dir
 from twin_daemon.workflows.session import silence_mujoco
@@ -24,18 +24,11 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("twin")
 
-Endpoint = Annotated[
-    str | None,
-    typer.Option("--endpoint", metavar="ENDPOINT", help="Zenoh endpoint; default TWIN_ENDPOINT or tcp/127.0.0.1:7447."),
-]
-Namespace = Annotated[
-    str | None, typer.Option("--namespace", metavar="NS", help="First part of the keys; default the hand's name.")
-]
 AUDIT = "audit.jsonl"
 
 
 def command(
-    config: Annotated[Path | None, typer.Option("--config", "-c", metavar="twin.yaml", help="Configuration.")] = None,
+    config: Config = None,
     hand: HandName = None,
     model: Model = None,
     version: VersionRef = None,

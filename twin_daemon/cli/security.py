@@ -152,7 +152,7 @@ def _known(keyring: Keyring) -> dict[str, Any]:
 
 
 def _show(found: dict[str, Any], json: str | None) -> None:
-    from twin_daemon.cli.tables import slim_table
+    from twin_daemon.tables import slim_table
 
     table = slim_table(f"identities in {found['folder']}", ("name", "role", "certificate until"))
     for row in found["identities"]:

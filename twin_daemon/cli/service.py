@@ -104,7 +104,7 @@ def uninstall(root: Root = Path("/"), dry_run: DryRun = False, yes: Yes = False,
 @app.command("status")
 def status(json: Json = None) -> None:
     """Whether the units run, since when and how often they were restarted. Exit code 5 if the daemon does not."""
-    from twin_daemon.cli.tables import slim_table
+    from twin_daemon.tables import slim_table
 
     _require_systemd("systemctl")
     wanted = ("LoadState", "ActiveState", "SubState", "UnitFileState", "MainPID", "NRestarts", "ActiveEnterTimestamp")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from twin_daemon.cli.console import plain_text
-from twin_daemon.cli.tables import slim_table
+from twin_daemon.tables import slim_table
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -10,8 +10,8 @@ import typer
 
 from twin_daemon.cli.console import emit_json, people, plain_text, require_folder
 from twin_daemon.cli.options import HandName, Json, Model
-from twin_daemon.cli.tables import slim_table
 from twin_daemon.cli.versions_care import open_store
+from twin_daemon.tables import slim_table
 
 if TYPE_CHECKING:
     from twin_daemon.versions.history import Promotion, Series

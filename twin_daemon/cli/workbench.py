@@ -13,7 +13,7 @@ import typer
 
 from twin_daemon.cli import options
 from twin_daemon.cli.console import people, plain_text
-from twin_daemon.cli.run import Endpoint, Namespace, load_named, named_hand
+from twin_daemon.cli.run import load_named, named_hand
 from twin_daemon.errors import BadInput
 from twin_daemon.workflows.session import silence_mujoco
 
@@ -56,8 +56,8 @@ def command(
     joint_map: options.JointMap = None,
     hand: options.HandName = None,
     model: options.Model = None,
-    namespace: Namespace = None,
-    endpoint: Endpoint = None,
+    namespace: options.Namespace = None,
+    endpoint: options.Endpoint = None,
     fleet: Fleet = False,
     most_upload: MostUpload = 4096,
     seconds: options.Seconds = None,

@@ -217,8 +217,10 @@ class PartFit:
         return as_fit(hypothesis, *self._full_fit(hypothesis, problem, point, evaluations))
 
     def full_fit_together(self, fits: Sequence[Fit], evaluations: int, asked: Fit) -> list[Fit]:
-        """Several effects fitted at once, as finely as one is, with the nuisances from where they are beside one of
-        them and from nominal values: the better counts."""
+        """Several effects fitted at once, to the same end as one is.
+
+        With the nuisances from where they are beside one of them and from nominal values: the better counts.
+        """
         pairs = [(fit.hypothesis, fit.values) for fit in fits if fit.hypothesis is not None]
         assert asked.hypothesis is not None
         problem = self.problem_with(*pairs)

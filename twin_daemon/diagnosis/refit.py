@@ -51,7 +51,7 @@ def refit_effect(
 ) -> Refit:
     """Fits an effect at its targets, `given` values fixed, group by group where groups move on their own.
 
-    Descends from the effect's own starts, or from `start` alone where the values are known first_fits.
+    Descends from the effect's own starts, or from `start` alone where the values are known approximately.
 
     Damping, friction, armature, gain and delay move along under their priors, so that a friction that is 10 % off
     does not bend the effect's values. At the whole robot there is one set of values for all servos. Raises BadInput

@@ -66,7 +66,7 @@ REFINEMENT = Threshold(0.03, "1", "of the first error: what a second effect at t
 MOST_OF_IT = Threshold(0.5, "1", "of what is left")
 MOST_EFFECTS = Count(3, "effects", "that a part of the hand is searched for")
 MOST_UNDETECTABLE = Threshold(
-    1.0 / 3.0, "1", "of a servo's effects: a tenth stays unseen on rich motion, a half on one slow closing"
+    1.0 / 3.0, "1", "of a servo's effects: a tenth stays undetected on rich motion, a half on one slow closing"
 )
 
 # -- probabilities -------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_serializer
+from pydantic import AliasChoices, BaseModel, ConfigDict, Field, field_serializer
 
 from twin_daemon.diagnosis.thresholds import DEVIATING_SIGMA
 from twin_daemon.estimation.estimate import Estimate, Number
@@ -137,7 +137,8 @@ class PartSummary(_Said):
     joints: tuple[str, ...]
     times_floor: Number
     left_times_floor: Number
-    within_floor: bool = Field(validation_alias="quiet", serialization_alias="quiet")
+    within_floor: bool = Field(validation_alias=AliasChoices("within_floor", "quiet"))
+    """`quiet` in files of earlier versions."""
 
 
 class MovedParameter(_Said):

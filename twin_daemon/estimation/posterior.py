@@ -111,7 +111,7 @@ class Posterior(Problem):
         return float(sum(known.sum() / tau for known, tau in zip(self._known, self._tau, strict=True)))
 
     def residuals(self, points: np.ndarray) -> np.ndarray:
-        """(B, m) whitened residuals and priors."""
+        """(B, m) residuals in standard deviations of the floor, tempered by their correlation, and the priors' rows."""
         residuals = self.joint_residuals(points)
         offset, share = self._offsets(residuals)
         # with this part of the mean taken out, the sum of squares is the profiled one

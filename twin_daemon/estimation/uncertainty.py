@@ -130,7 +130,7 @@ def widened(variable: Variable, unit: float, sigma: float, least: float) -> tupl
 
 
 def unit_sigmas(slopes: np.ndarray, inflation: float) -> np.ndarray:
-    """(p,) sigma of the unit coordinates from the derivative (m, p) of whitened rows, by Gauss-Newton.
+    """(p,) sigma of the unit coordinates from the derivative (m, p) of rows in standard deviations, by Gauss-Newton.
 
     `inflation` is the residual over its floor: what is above it is no noise of the size assumed, and intervals widen.
     """

@@ -237,7 +237,7 @@ class JointSearch:
     # -- shapes --------------------------------------------------------------------------------------------
 
     def leading(self, trials: Sequence[Trial]) -> list[FittedLaw]:
-        """The best laws fitted in roll-outs beside the nuisances, judged on held-out motion, the best first.
+        """The best laws fitted in roll-outs beside the nuisances, validated on held-out motion, the best first.
 
         Two rounds for those that promise most; those that then lead go on.
         """

@@ -7,7 +7,7 @@ from twin_daemon.estimation.thresholds import Count, Threshold
 # -- the motion that is looked at ----------------------------------------------------------------------------
 
 MOST_TRAIN_S = Threshold(20.0, "s", "of motion that laws are fitted to: each of a law's values is a roll-out of it")
-MOST_HELD_S = Threshold(16.0, "s", "of held-out motion that they are judged on")
+MOST_HELD_S = Threshold(16.0, "s", "of held-out motion that they are validated on")
 MOST_NEIGHBOURS = Count(3, "joints", "nearest to the one that lacks a law, on whose angles it may depend")
 SMOOTHED_S = Threshold(0.06, "s", "of measured angles in one window of the filter: a law's speed is read off them")
 
@@ -52,7 +52,7 @@ STEP_LENGTHS = tuple(
 LEAST_STEP_GAIN = Threshold(3e-3, "1", "of the cost: a round that gains less is the last")
 RIDGE = Threshold(1.0, "1", "of the largest coefficient that is looked for: the sigma of each")
 SMOOTHNESS = tuple(
-    Threshold(weight, "1", "weights of a curve's bends: of these the one that unseen blocks like best counts")
+    Threshold(weight, "1", "weights of a curve's bends: of these the one that held-out blocks like best counts")
     for weight in (3.0, 30.0, 300.0)
 )
 FOLDS = Count(5, "blocks", "in time, each left out once from the linear step")

@@ -11,7 +11,7 @@ import numpy as np
 Bent = Callable[[float], float | None]
 """How far, from -1 to 1, a bristle that gives way over so many rad is bent; None where nothing says that."""
 
-_RESOLVED = 3.0  # times the smallest way that is told from noise: a bristle that gives way sooner forgets unseen
+_RESOLVED = 3.0  # times the smallest way that is told from noise: one that gives way sooner forgets before it shows
 _FORGOTTEN = 0.1  # of what a bristle was bent by before it was seen
 
 

@@ -23,7 +23,7 @@ from twin_daemon.estimation.variables import Variable
 
 
 def multi_start(tracker: Tracker, budget: int | None, seed: int) -> None:
-    """Descends roughly from the best of a sample around the start, and from the best ends to the end."""
+    """Descends some way from the best of a sample around the start, and from the best ends to the end."""
     problem, rng = tracker.problem, np.random.default_rng(seed)
     samples = MULTI_SAMPLES if budget is None else min(MULTI_SAMPLES, budget // 4)
     spread = rng.standard_normal((samples, len(problem.variables)))
