@@ -119,6 +119,9 @@ def _tasks() -> list[asyncio.Task]:
 
 
 def _children(process: psutil.Process) -> Iterator[tuple[psutil.Process, list[str]]]:
+    threads = Path("/proc/self/task")
+    if threads.is_dir() and not any(own.read_text() for own in threads.glob("*/children")):
+        return  # where the kernel says so at once, not every process of the machine is looked at
     for child in process.children(recursive=True):
         try:
             command = child.cmdline()

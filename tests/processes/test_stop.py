@@ -169,7 +169,7 @@ def test_a_stop_outlives_the_daemon_and_a_run_that_is_due_does_not_move_the_hand
         assert status["mode"] == "stopped"
         assert "smoke" in status["ended"]
         until(lambda: ask(session, f"twin/{NS}/state", 60.0)["fresh_joints"] == 24, 20.0)
-        time.sleep(16.0)  # a run that is due begins when the hand has been at rest for 10 s
+        time.sleep(13.0)  # a run that is due begins when the hand has been at rest for 10 s
         status = commander.status(20.0)
         assert status["mode"] == "stopped"
         assert status["commands_sent"] == 0

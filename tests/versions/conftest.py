@@ -20,7 +20,7 @@ def store(tmp_path: Path) -> VersionStore:
     return VersionStore("hand", root=tmp_path / "hand", shipped=tmp_path / "shipped")
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def draft() -> Callable[..., Draft]:
     """A draft that differs from another by its damping."""
 
@@ -42,6 +42,6 @@ def draft() -> Callable[..., Draft]:
     return make
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def mjcf() -> str:
     return MJCF

@@ -19,17 +19,27 @@ from twin_daemon.versions.verify import verify
 Make = Callable[..., Draft]
 
 
+@pytest.fixture(scope="module")
+def two_hands(tmp_path_factory: pytest.TempPathFactory, draft: Make, mjcf: str) -> tuple[Path, dict[str, list[str]]]:
+    """(a state folder with two hands, the ids of their versions)."""
+    folder, made = tmp_path_factory.mktemp("two-hands") / "state", {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TWIN_STATE_DIR", str(folder))
+        for hand in ("left", "right"):
+            store = VersionStore(hand)
+            made[hand] = [store.add(draft(0.1 * n, hand=hand), mjcf, alias="candidate").id for n in (1, 2, 3)]
+            store.promote(made[hand][0])
+            store.promote(made[hand][1])
+            store.note(made[hand][0], "new tendon")
+    return folder, made
+
+
 @pytest.fixture
-def hands(state_dir: Path, draft: Make, mjcf: str) -> dict[str, list[Version]]:
+def hands(two_hands: tuple[Path, dict[str, list[str]]], state_dir: Path) -> dict[str, list[Version]]:
     """Two hands in the state folder."""
-    made = {}
-    for hand in ("left", "right"):
-        store = VersionStore(hand)
-        made[hand] = [store.add(draft(0.1 * n, hand=hand), mjcf, alias="candidate") for n in (1, 2, 3)]
-        store.promote(made[hand][0].id)
-        store.promote(made[hand][1].id)
-        store.note(made[hand][0].id, "new tendon")
-    return made
+    folder, made = two_hands
+    shutil.copytree(folder, state_dir, dirs_exist_ok=True)
+    return {hand: [VersionStore(hand).get(version) for version in ids] for hand, ids in made.items()}
 
 
 def backed_up(path: Path) -> Path:
