@@ -61,7 +61,7 @@ def test_the_effect_of_the_page_is_diagnosed(example: str, folder: Path, tmp_pat
         "--joints", JOINT, "--json", str(result),
     )  # fmt: skip
     environment = {**os.environ, "TWIN_STATE_DIR": str(tmp_path / "state")}
-    ran = subprocess.run(told, env=environment, capture_output=True, text=True, check=False, timeout=250)
+    ran = subprocess.run(told, env=environment, capture_output=True, text=True, check=False, timeout=800)
     assert ran.returncode == 0, ran.stderr
     said = json.loads(result.read_text(encoding="utf-8"))
     first = said["findings"][0]
