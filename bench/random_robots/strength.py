@@ -9,6 +9,7 @@ import numpy as np
 from .laws import Law
 from .plants import Plant, Unstable
 
+NOMINAL_SIGMA = 0.12  # of dampings, frictions, armatures and gains, as the product assumes where nobody says otherwise
 _CLOSE = 0.1  # of the wanted ratio, in natural logarithms
 _RUNS = 9
 
@@ -36,6 +37,18 @@ def response(law: Law, read: np.ndarray, sound: np.ndarray, floor: np.ndarray) -
     return float(max(ratios[names.index(place)] for place in law.places if place in names))
 
 
+def told(law: Law, ratio: float) -> float:
+    """A law's strength: its response over the floor, of which what nobody knows of the model's numbers is a part.
+
+    A gain that is one standard deviation of nominal gains off is not told from a servo that is as it should be, however
+    well it can be seen.
+    """
+    change = law.nominal_change()
+    if change is None or ratio <= 0.0:
+        return ratio
+    return float(1.0 / np.hypot(1.0 / ratio, NOMINAL_SIGMA / max(change, 1e-12)))
+
+
 def _beyond(difference: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """(n,) what is left of a joint's difference after a regression on what simple laws do to a stiff servo's joint."""
     speed = np.gradient(angle)
@@ -47,7 +60,7 @@ def _beyond(difference: np.ndarray, angle: np.ndarray) -> np.ndarray:
 def calibrated(
     law: Law, plant: Plant, targets: np.ndarray, sound: np.ndarray, floor: np.ndarray, wanted: float
 ) -> float:  # fmt: skip
-    """Sets the law's size so that its response over the floor is about `wanted`; returns the ratio that was reached.
+    """Sets the law's size so that its strength (`told`) is about `wanted`; returns the strength that was reached.
 
     `sound` (n, j) is the plant without it. The largest size that a robot could have may fall short of the ratio.
     """
@@ -55,7 +68,7 @@ def calibrated(
     def ratio(log_size: float) -> float:
         law.size = float(np.exp(log_size))
         try:
-            return response(law, plant.run(targets, [law]), sound, floor)
+            return told(law, response(law, plant.run(targets, [law]), sound, floor))
         except Unstable:
             return np.inf
 

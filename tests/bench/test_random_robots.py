@@ -24,11 +24,12 @@ from bench.random_robots.motions import commands
 from bench.random_robots.plants import Plant, nominal
 from bench.random_robots.robots import Robot, draw_robot
 from bench.random_robots.score import is_cause, outcome
-from bench.random_robots.strength import response, rms
+from bench.random_robots.strength import NOMINAL_SIGMA, response, rms, told
 from bench.random_robots.ties import ties
 from bench.random_robots.trees import KINDS
 from twin_daemon.effects import LIBRARY as PRODUCT
 from twin_daemon.hand import load_hand
+from twin_daemon.hand.schema import NominalUncertainty
 from twin_daemon.recordings import load_recording
 
 _FINGER = (2, 3)  # seeds of the finger without and with a coupled tendon
@@ -160,8 +161,21 @@ def test_a_hidden_effect_is_as_strong_as_was_drawn(case: Case) -> None:
     floor = np.hypot(case.robot.floor(), rms(sound - nominal(case.robot, targets)[0]))
     moved = rms(case.plant.run(targets, [hidden.law]) - sound) / floor
     joint = case.robot.joints.index(hidden.law.places[0])
-    assert moved[joint] == pytest.approx(hidden.strength, rel=1e-6)
+    assert told(hidden.law, moved[joint]) == pytest.approx(hidden.strength, rel=1e-6)
     assert np.argmax(moved) == joint
+
+
+def test_a_change_within_what_is_known_of_the_model_is_weak_however_well_it_is_seen() -> None:
+    assumed = NominalUncertainty()
+    assert {assumed.of(kind) for kind in ("damping", "frictionloss", "armature", "kp")} == {NOMINAL_SIGMA}
+    gain = next(form for forms in LIBRARY for form in forms if form.key == "actuator_gain")
+    _, _, _, site = _small(pair=False)
+    law = gain(site, dice(1, "law"))
+    law.size = 0.12
+    assert told(law, 100.0) == pytest.approx(1.0, rel=1e-3)
+    law.size = 0.5
+    assert told(law, 1.0) == pytest.approx(1.0, rel=0.05)
+    assert told(law, 100.0) == pytest.approx(0.5 / 0.12, rel=1e-2)
 
 
 def test_an_exported_case_is_read_by_the_product_and_by_the_scorer(case: Case, tmp_path: Path) -> None:

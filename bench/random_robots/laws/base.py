@@ -89,6 +89,13 @@ class Law:
         """Numbers that a diagnosis may be held to, by the contract's names, in SI units."""
         return {}
 
+    def nominal_change(self) -> float | None:
+        """What it does to a number of the model of which nobody knows the exact value, in natural logarithms.
+
+        None where it does what no such number does.
+        """
+        return None
+
     def edit(self, spec: Any) -> None:
         """Changes the plant before it is compiled."""
 
@@ -122,6 +129,11 @@ class Law:
 
     def actuator_of(self, spec: Any) -> Any:
         return spec.actuator(self.site.robot.servos[self.site.servo].actuator)
+
+
+def change(of: float, by: float) -> float | None:
+    """|ln| of what a number of the model becomes; None where the model has none."""
+    return abs(float(np.log(max(of + by, 1e-9 * of) / of))) if of > 0 else None
 
 
 class ServoLaw(Law):

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..dice import chance
-from .base import Law
+from .base import Law, change
 
 
 class Armature(Law):
@@ -24,6 +24,9 @@ class Armature(Law):
         if self._less:
             return {"armature": -0.95 * float(self.site.robot.armature[self.site.joint]) * (1 - np.exp(-self.size))}
         return {"armature": self.size * self.site.inertia}
+
+    def nominal_change(self) -> float | None:
+        return change(float(self.site.robot.armature[self.site.joint]), self.values()["armature"])
 
     def edit(self, spec: Any) -> None:
         joint = self.joint_of(spec)

@@ -23,6 +23,9 @@ class Gain(Law):
     def values(self) -> dict[str, float]:
         return {"factor": float(np.exp(self._way * self.size))}
 
+    def nominal_change(self) -> float | None:
+        return self.size
+
     def edit(self, spec: Any) -> None:
         actuator, factor = self.actuator_of(spec), self.values()["factor"]
         actuator.gainprm[0] *= factor

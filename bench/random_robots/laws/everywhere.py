@@ -67,6 +67,9 @@ class ViscousEverywhere(Law):
     at = "robot"
     sizes = (5e-3, 8.0)
 
+    def nominal_change(self) -> float | None:
+        return float(np.log1p(self.size))
+
     def edit(self, spec: Any) -> None:
         for name in self.site.robot.joints:
             joint = spec.joint(name)
@@ -88,12 +91,20 @@ class CoulombEverywhere(ViscousEverywhere):
     def draw(self, random: np.random.Generator) -> None:
         self._by_own = chance(random, 0.5) and bool(np.all(self.site.robot.friction > 0))
 
+    def nominal_change(self) -> float | None:
+        own, more = self.site.robot.friction, self._more()
+        return float(np.median(np.log1p(more / own))) if np.all(own > 0) else None
+
     def edit(self, spec: Any) -> None:
-        robot = self.site.robot
-        for index, name in enumerate(robot.joints):
+        for name, more in zip(self.site.robot.joints, self._more(), strict=True):
             joint = spec.joint(name)
-            kp = robot.servos[robot.servo_of(index)].kp
-            unit = 0.1 if robot.tree.links[index].slide else 1.0
-            scale = max(float(robot.gravity_load[index]), 0.03 * kp * unit)
-            own = 20 * float(robot.friction[index])
-            joint.frictionloss = joint.frictionloss + self.size * (own if self._by_own else scale)
+            joint.frictionloss = joint.frictionloss + more
+
+    def _more(self) -> np.ndarray:
+        """(j,) N m of dry friction beside each joint's own."""
+        robot = self.site.robot
+        if self._by_own:
+            return self.size * 20 * robot.friction
+        kp = np.array([robot.servos[robot.servo_of(index)].kp for index in range(len(robot.joints))])
+        unit = np.array([0.1 if link.slide else 1.0 for link in robot.tree.links])
+        return self.size * np.maximum(robot.gravity_load, 0.03 * kp * unit)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..dice import chance, sign
-from .base import Law
+from .base import Law, change
 
 
 class Viscous(Law):
@@ -24,6 +24,9 @@ class Viscous(Law):
         if self.less:
             return {"damping": -own * (1 - np.exp(-self.size))}
         return {"damping": self.size * 2 * float(np.sqrt(self.site.kp * self.site.inertia))}
+
+    def nominal_change(self) -> float | None:
+        return change(float(self.site.robot.damping[self.site.joint]), self.values()["damping"])
 
     def edit(self, spec: Any) -> None:
         joint = self.joint_of(spec)
@@ -45,6 +48,9 @@ class Coulomb(Law):
         if self.less:
             return {"friction": -float(self.site.robot.friction[self.site.joint]) * (1 - np.exp(-self.size))}
         return {"friction": self.size * self.site.torque}
+
+    def nominal_change(self) -> float | None:
+        return change(float(self.site.robot.friction[self.site.joint]), self.values()["friction"])
 
     def edit(self, spec: Any) -> None:
         joint = self.joint_of(spec)
