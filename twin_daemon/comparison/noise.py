@@ -2,34 +2,44 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 _ROUNDING_RAD = 1e-9
 _COUNTS_MOVED = 4.0  # counts that a block has to travel, so that its readings change with every few samples
 _LEAST_BLOCKS = 8
+_ORDERS = (2, 3, 4, 5)
 
 
 def noise_variance(values: np.ndarray) -> float:
     """Variance (rad^2) of the reading about the true angle, from one joint's samples (n,).
 
-    Second differences cancel the motion: their mean square is 6 times the noise variance. They are taken over
-    the quietest half of the recording, so that impacts and steps do not count as noise. A quantised sensor at
-    rest hides its noise within one count, so it is judged where it moves, and a resolution q counts with q^2/12 at
-    least.
+    Differences of the n-th order cancel the motion, the more so the higher the order: their mean square is (2n over n)
+    times the noise variance, and what slow sampling leaves of fast motion in it only adds. So the order with the least
+    counts. They are taken over the quietest half of the recording, so that impacts and steps do not count as noise. A
+    quantised sensor at rest hides its noise within one count, so it is judged where it moves, and a resolution q counts
+    with q^2/12 at least.
     """
     values = values[np.isfinite(values)]
     if values.size < 32:
         return resolution(values) ** 2 / 12.0
-    squares = np.diff(values, n=2) ** 2
+    return min(_by_differences(values, order) for order in _ORDERS)
+
+
+def _by_differences(values: np.ndarray, order: int) -> float:
+    """rad^2 from the differences of one order of samples (n,)."""
+    squares = np.diff(values, n=order) ** 2 / math.comb(2 * order, order)
     pieces = max(8, squares.size // 25)
     blocks = np.array([block.mean() for block in np.array_split(squares, pieces)])
     count = resolution(values)
     if count > 0.0:
-        travel = np.array([np.ptp(block) for block in np.array_split(values[1:-1], pieces)])
+        travel = np.array(
+            [np.ptp(block) for block in np.array_split(values[order // 2 : len(values) - (order + 1) // 2], pieces)]
+        )
         moved = blocks[travel > _COUNTS_MOVED * count]
         blocks = moved if len(moved) >= _LEAST_BLOCKS else blocks
-    lowest = np.sort(blocks)[: max(1, len(blocks) // 2)]
-    return float(max(lowest.mean() / 6.0, count**2 / 12.0))
+    return float(max(np.median(blocks), count**2 / 12.0))
 
 
 def resolution(values: np.ndarray) -> float:

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from twin_daemon.diagnosis.fit import Fit
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.thresholds import ADEQUATE_FLOORS, AS_BEFORE, FORGIVEN_OFFSET_SIGMA, RELATIVE_ERROR
+from twin_daemon.estimation.nuisances import carried_over
+from twin_daemon.estimation.posterior import floor_and_corrections
 from twin_daemon.estimation.thresholds import OFFSET_FLOORS
 from twin_daemon.estimation.uncertainty import block_gain, block_samples, sample_squares
+from twin_daemon.estimation.variables import OnsetVariable
 from twin_daemon.simulation.alignment import Aligned
 
 
@@ -77,10 +81,10 @@ class Validation:
         after = before if fit is part.base else part.held_out(fit, self._holdout)
         left = _left(after, self._known, part.floor)
         if (left > self.allowed).any():
-            # what the fitted motion leaves loose is not held against either
+            # what the fitted motion leaves loose is not held against either, nor what a time step does on this motion
             before = self._without(owned, adjusted=True)
             after = before if fit is part.base else part.held_out(fit, self._holdout, adjusted=True)
-            left = _left(after, self._known, part.floor)
+            left = _left(after, self._known, self._floor)
         squares_before, squares_after = sample_squares(before, self._known), sample_squares(after, self._known)
         total_before, total_after = float(squares_before.mean()), float(squares_after.mean())
         return HeldOut(
@@ -95,6 +99,18 @@ class Validation:
     def squares(self) -> np.ndarray:
         """(n,) rad^2: mean over the joints of each held-out sample's squared error, by the nuisances alone."""
         return sample_squares(self._without((), adjusted=False), self._known)
+
+    @cached_property
+    def _floor(self) -> np.ndarray:
+        """(k,) rad^2: the part's floor, or the one that the held-out motion itself has where that is higher.
+
+        Commanded steps that strike harder leave more of the time step's error.
+        """
+        part = self._part
+        _, recordings = carried_over(part.variables, part.base.point, self._holdout)
+        kept = [v for v in part.variables if not isinstance(v, OnsetVariable)]
+        own, _ = floor_and_corrections(part.twin, recordings, kept, part.joints)
+        return np.maximum(part.floor, own)
 
     def _without(self, owned: tuple[str, ...], *, adjusted: bool) -> list[np.ndarray]:
         """The model without an effect on the held-out motion, computed once for all effects that own the same."""

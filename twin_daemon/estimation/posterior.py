@@ -24,14 +24,14 @@ from twin_daemon.simulation.twin import TwinModel
 
 def floor_variance(recordings: Sequence[Aligned], joints: Sequence[str]) -> np.ndarray:
     """(k,) rad^2: each joint's sensor noise and resolution, and what the jitter of stamps makes of its speed."""
-    out = []
+    noise, jitter = [], []
     for joint in joints:
-        found = []
-        for r in recordings:
-            column = r.measured[:, r.joints.index(joint)]
-            found.append(noise_variance(column) + _jitter_variance(r.time_s, column))
-        out.append(float(np.median(found)))
-    return np.maximum(out, LEAST_NOISE_RAD**2)
+        columns = [(r.time_s, r.measured[:, r.joints.index(joint)]) for r in recordings]
+        noise.append(float(np.median([noise_variance(values) for _, values in columns])))
+        # of the fastest piece no less than its share: a mean of squares is what it is compared with
+        samples = [len(time_s) for time_s, _ in columns]
+        jitter.append(float(np.average([_jitter_variance(*column) for column in columns], weights=samples)))
+    return np.maximum(np.add(noise, jitter), LEAST_NOISE_RAD**2)
 
 
 def _jitter_variance(time_s: np.ndarray, values: np.ndarray) -> float:
