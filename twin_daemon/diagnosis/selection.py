@@ -121,6 +121,22 @@ def decisive(best: Fit) -> float:
     return max(DECISIVE_NATS, ALIKE * 0.5 * best.cost)
 
 
+def _promising(entered: Sequence[FirstFit]) -> list[FirstFit]:
+    """The best start of each candidate from each point of the nuisances, of candidates in the order of their costs.
+
+    What one has not moved yet is not its fault: a start that promises far more than the best has is another chance.
+    """
+    best: dict[tuple[str, frozenset[str] | None], FirstFit] = {}
+    for first in entered:
+        best.setdefault((first.hypothesis.name, first.start.anchor), first)
+    return [
+        first
+        for first in entered
+        if first is (own := best[first.hypothesis.name, first.start.anchor])
+        or COMPARABLE * first.start.expected < own.cost
+    ]
+
+
 def _worth_a_look(screening: Screening, screened: Sequence[Sequence[Start]], owners: set[str]) -> list[Start]:
     """The starts that are rolled out as they are: from each point of the nuisances, the best of every candidate.
 
@@ -180,8 +196,7 @@ def _shortlist(screening: Screening, part: PartFit, outcome: Outcome) -> list[Fi
     screened = [starts for starts in concurrently(screening.screen, asked) if starts]
     looked_at = _worth_a_look(screening, screened, {h.name for h in owners})
     entered = sorted((r for r in concurrently(screening.enter, looked_at) if r is not None), key=lambda r: r.cost)
-    # the best start of each candidate from each point of the nuisances: what one has not moved yet is not its fault
-    chosen = list({(first.hypothesis.name, first.start.anchor): first for first in reversed(entered)}.values())
+    chosen = _promising(entered)
     names = {first.hypothesis.name for first in chosen}
     for starts in screened:
         hypothesis = starts[0].hypothesis

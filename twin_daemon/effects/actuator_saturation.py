@@ -10,6 +10,7 @@ import numpy as np
 from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
 
 _UNLIMITED = 1000.0
+_STARTS = 6  # each at most twice the next, where a servo has ten times what it needs
 
 
 class ActuatorSaturation(Effect):
@@ -41,5 +42,6 @@ class ActuatorSaturation(Effect):
         actuator.forcelimited = True
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
-        strongest = min(scale.force_nm, 0.1 * scale.kp)
-        return tuple({"limit": share * strongest} for share in (0.6, 0.25, 0.1))
+        # between what the servo has and a hundredth of what an error of a radian asks for
+        limits = np.geomspace(0.6 * scale.force_nm, 0.1 * min(scale.force_nm, 0.1 * scale.kp), _STARTS)
+        return tuple({"limit": float(limit)} for limit in limits)

@@ -10,6 +10,8 @@ import numpy as np
 from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Story
 from twin_daemon.effects.edits import add_joint_tendon
 
+_BEGINNINGS = np.arange(0.05, 1.0, 0.05)  # quantiles of the angle at which a stop may begin
+
 
 class JointStop(Effect):
     """An elastic stop at one or both ends: a fixed tendon that is slack inside a band and a spring outside it."""
@@ -59,3 +61,21 @@ class JointStop(Effect):
             {"stiffness": k, "upper": 0.0, "lower": 0.2 * span},
             {"stiffness": 0.2 * k, "upper": 0.4 * span, "lower": 0.0},
         )
+
+    def suggested(self, scale: Scale, angle: np.ndarray, gap: np.ndarray) -> tuple[dict[str, float], ...]:
+        """Where the error begins to grow, at either end: at rest a stop bends the servo by its stiffness over kp."""
+        found: list[tuple[float, dict[str, float]]] = []
+        for side in (1.0, -1.0):
+            best = 0.0, 0.0, 0.0
+            for begins in np.quantile(angle, _BEGINNINGS):
+                beyond = np.maximum(side * (angle - begins), 0.0)
+                power = float(beyond @ beyond)
+                pushed = -side * float(gap @ beyond)
+                if power > 0.0 and pushed > 0.0:
+                    best = max(best, (pushed**2 / power, float(begins), pushed / power))
+            taken, begins, slope = best
+            if taken > 0.0:
+                place = {"upper": scale.upper - begins, "lower": 0.0} if side > 0 else {"lower": begins - scale.lower}
+                found.append((taken, {"stiffness": slope * scale.kp, "upper": 0.0, **place}))
+        found.sort(key=lambda one: -one[0])
+        return tuple(values for _, values in found)
