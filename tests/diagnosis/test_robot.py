@@ -33,7 +33,7 @@ def test_the_whole_robot_stands_for_each_of_its_servos(late: tuple[str, str]) ->
     twin = nominal.changed(Terms(effects=(alone, everywhere)))
     assert _delays(twin.terms.as_json()) == dict.fromkeys(SERVOS, 0.01)
     assert twin.joints_of(ROBOT) == SERVOS
-    assert all(twin.terms.is_at_servos(term, twin.actuators) for term in twin.terms.effects)
+    assert all(twin.terms.is_everywhere(term, twin.actuators, twin.joints) for term in twin.terms.effects)
 
 
 def test_an_effect_is_added_to_all_servos_and_removed_again(late: tuple[str, str], tmp_path: Path) -> None:
@@ -48,6 +48,18 @@ def test_an_effect_is_added_to_all_servos_and_removed_again(late: tuple[str, str
     )
     assert removed["terms"]["effects"] == []
     assert main(["remove", "command_delay", "--joint", "robot", *model]) == 3
+
+
+def test_cold_grease_is_the_same_share_of_each_joints_own_friction(late: tuple[str, str], tmp_path: Path) -> None:
+    added = called("add", "viscous_friction", "--joint", "robot", "--set", "damping=0", "--set", "share=0.5",
+                   "--model", late[0], result=tmp_path / "a.json")  # fmt: skip
+    nominal = TwinModel.load(load_hand(model=Path(late[0])))
+    twin = nominal.changed(Terms.model_validate(added["terms"]))
+    assert twin.model.dof_damping == pytest.approx(1.5 * nominal.model.dof_damping)
+    assert (nominal.model.dof_damping > 0).all()
+    removed = called("remove", "viscous_friction", "--joint", "robot", "--version", added["version"],
+                     "--model", late[0], result=tmp_path / "r.json")  # fmt: skip
+    assert removed["terms"]["effects"] == []
 
 
 def test_what_is_no_matter_of_servos_has_no_place_at_all_of_them(

@@ -118,10 +118,10 @@ def _of_effects(twin: TwinModel, moving: Sequence[str]) -> list[EffectVariable]:
     variables = []
     for term in twin.terms.effects:
         joints = twin.joints_of(term.target)
-        if set(joints) & set(moving) and not twin.terms.is_at_servos(term, twin.actuators):
+        if set(joints) & set(moving) and not twin.terms.is_everywhere(term, twin.actuators, twin.joints):
             scale = twin.scale(term.target)
             for p in LIBRARY[term.effect].parameters:
-                if not p.held:
+                if not p.held and p.name != LIBRARY[term.effect].everywhere:
                     start = term.values.get(p.name, p.default)
                     variables.append(effect_variable(term.effect, term.target, p, p.bounds(scale), start, joints))
     return variables

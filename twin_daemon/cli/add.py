@@ -33,7 +33,7 @@ def command(
     joint_map: options.JointMap = None,
     json: options.Json = None,
 ) -> None:
-    """Add an effect at each joint ('hand' for effects of the whole hand, 'robot' for all servos alike) and store it.
+    """Add an effect at each joint ('hand' for effects of the whole hand, 'robot' for all joints alike) and store it.
 
     It becomes a candidate version.
     With recordings the effect's values are fitted, the model's uncertain parameters beside them under priors; what

@@ -24,7 +24,7 @@ def command(
     joint_map: options.JointMap = None,
     json: options.Json = None,
 ) -> None:
-    """Remove an effect from the twin at each joint ('robot': at all servos), and store a candidate version.
+    """Remove an effect from the twin at each joint ('robot': at all servos or joints), and store a candidate version.
 
     The other terms stay. With recordings it says what the twin loses by it.
     """
@@ -33,8 +33,9 @@ def command(
     kind = known_effect(effect)
     places = list(dict.fromkeys(session.twin.place(name).target for name in joint))
     present = [t.target for t in session.twin.terms.effects if t.effect == kind.key]
-    servos = [name for name in session.twin.actuators if name in present]
-    targets = servos or places if ROBOT in places else places
+    all_of_them = session.twin.joints if kind.shared == "joints" else session.twin.actuators
+    everywhere = [name for name in all_of_them if name in present]
+    targets = everywhere or places if ROBOT in places else places
     for target in targets:
         if target not in present:
             raise BadInput(

@@ -42,6 +42,8 @@ class Hypothesis:
         complete = self.effect.complete(start)
         variables = []
         for p in self.effect.parameters:
+            if p.name == self.effect.everywhere:
+                continue  # at one joint it says what another parameter says
             lower, upper = self._box(p)
             if p.held:
                 lower = max(lower, complete[p.name] / COUNTED_NEARBY)

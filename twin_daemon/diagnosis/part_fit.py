@@ -45,8 +45,12 @@ class PartFit:
         after: Fit | None = None,
         found: Sequence[Fit] = (),
         thoroughly: bool = False,
+        nominal: bool = False,
+        begun: PartFit | None = None,
     ) -> None:
         """With `thoroughly` the nuisances are fitted to the end, not only until they leave no more than the floor.
+
+        With `nominal` they are not fitted at all. `begun` is the same part so far, of which the floor is known.
 
         `found` are the fits of effects that the twin now has, and `after` the last: nuisances begin where it is.
 
@@ -57,16 +61,25 @@ class PartFit:
         self.joints = tuple(joints)
         values = [value for fit in found for value in fit.uncertain_values()]
         self.variables = (*nuisance_variables(twin, recordings, joints), *values)
-        if after is None:
-            self.floor, self.corrections = floor_and_corrections(twin, recordings, self.variables, joints)
-        else:
+        if after is not None:
             self.floor, self.corrections = after.problem.floor, after.problem.corrections
+        elif begun is not None:
+            self.floor, self.corrections = begun.floor, begun.corrections
+        else:
+            self.floor, self.corrections = floor_and_corrections(twin, recordings, self.variables, joints)
         self.problem = Posterior(twin, recordings, self.variables, joints, self.floor, corrections=self.corrections)
         self._enough = None if thoroughly else self._is_within_floor
         self.coarse = twin.at_step(COARSER_STEPS * float(twin.model.opt.timestep))
-        self.base = self._fit_nuisances(after)
+        self.nominal = nominal
+        self.base = self._nominal() if nominal else self._fit_nuisances(after)
 
     # -- nuisances -----------------------------------------------------------------------------------------
+
+    def _nominal(self) -> Fit:
+        """All nuisances at their nominal values."""
+        problem = self.problem
+        rows = problem.residuals(problem.start[None])[0]
+        return as_fit(None, problem, Descent(problem.start, rows, np.zeros((len(rows), len(problem.start))), np.inf))
 
     def _fit_nuisances(self, after: Fit | None) -> Fit:
         """From where they were beside the last effect; where that ends badly, from nominal values as well."""

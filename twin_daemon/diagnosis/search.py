@@ -5,26 +5,34 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from twin_daemon.diagnosis.conclude import Outcome, conclude, forced_nuisances, nothing_moves
 from twin_daemon.diagnosis.fit import Fit
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.power import undetectable
 from twin_daemon.diagnosis.selection import Say, next_effect, swap_rivals
-from twin_daemon.diagnosis.shared import Shared, SharedSearch, look, shared_causes
+from twin_daemon.diagnosis.shared import Shared, SharedCause, SharedSearch, at_nominal, look, shared_causes
 from twin_daemon.diagnosis.thresholds import (
+    DECISIVE_NATS,
     DEVIATING_SIGMA,
     FULL_FIT_ROLLOUTS,
     MOST_EFFECTS,
     MOST_OF_IT,
+    OF_ALL_LEFT,
     REFINEMENT,
 )
 from twin_daemon.diagnosis.validation import Validation
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding
+from twin_daemon.effects import LIBRARY
 from twin_daemon.estimation.partition import Reduced, Reduction
+from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
 from twin_daemon.estimation.variables import EffectVariable
 from twin_daemon.executor import OutOfTime, TimeLimit, concurrently
+from twin_daemon.places import ROBOT
 from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.submodel import drive_groups, linked
+from twin_daemon.simulation.terms import EffectTerm
 from twin_daemon.simulation.twin import TwinModel
 
 
@@ -59,19 +67,26 @@ def diagnose(
         chosen = [(g, [n for n in moving if n in g.joints]) for g in drive_groups(twin)]
         cut = [(g.name, reduction.of(twin, g, own)) for g, own in chosen if own]
         touching = [name for name, reduced in cut if reduced is None]
-        looked_at = concurrently(look, [reduced for _, reduced in cut if reduced is not None])
-        above = _above(looked_at, outcomes, seed, say)
+        begun = concurrently(at_nominal, [reduced for _, reduced in cut if reduced is not None])
+        shared = _of_all(twin, reduction, begun, limit, seed, say)
+        looked_at = begun if shared else concurrently(lambda one: look(*one), begun)
+        above = [] if shared else _above(looked_at, outcomes, seed, say)
         if above and twin.hand.description.nominal_uncertainty.mass > 0.0:
             # once more with what costs most: that links may be heavier than their model
             reduction = reduction.with_link_masses(twin)
             again = [reduction.together(twin, [reduced]) for reduced, _ in above]
             above = _above(concurrently(look, [r for r in again if r is not None]), outcomes, seed, say)
-        shared = _shared(twin, reduction, above, len(looked_at), limit, seed, say) if len(above) > 1 else None
+        if len(above) > 1:
+            shared = _shared(twin, reduction, above, len(looked_at), limit, seed, say)
+        elif not above and shared is None:
+            shared = _common(twin, reduction, looked_at, limit, seed, say)
         if shared is not None:
-            findings.append(shared.finding)
+            theirs = {part.joints for _, part in shared.looked_at}
+            outcomes = [outcome for outcome in outcomes if outcome.joints not in theirs]
             for reduced, part in shared.looked_at:
                 outcomes.append(replace(_begun(reduced, part), within_floor=True))
             above = []
+            findings.append(_everywhere(shared.finding, [r for r, _ in looked_at], outcomes))
         hunt = _Hunt(twin, reduction, seed, say, most_effects, limit, outcomes, touching)
         for unit in _units(twin, above):
             hunt.search(unit)
@@ -104,6 +119,32 @@ def _above(
     return found
 
 
+def _of_all(
+    twin: TwinModel,
+    reduction: Reduction,
+    begun: Sequence[tuple[Reduced, PartFit]],
+    limit: TimeLimit,
+    seed: int,
+    say: Say,
+) -> Shared | None:
+    """One cause that all servos or joints have, before anything else is fitted; None where it is not as clear as that.
+
+    A late bus is felt by every group, and what is uncertain about each would be fitted in vain.
+    """
+    if 2 * sum(not part.within_floor for _, part in begun) <= len(begun):
+        return None
+    search = SharedSearch(twin, reduction, begun)
+    chosen: list[int] = np.flatnonzero(search.times_floor > FLOOR_CHI_SQUARE).tolist()
+    if len(chosen) < 2 or 2 * len(chosen) <= len(begun):
+        return None
+    above = [begun[i] for i in chosen]
+    causes = [cause for cause in shared_causes(twin, above, len(begun)) if cause.target == ROBOT]
+    found = search.only(chosen).best(causes, limit, seed, most_left=OF_ALL_LEFT)
+    if found is not None:
+        say(f"{found.finding.name} explains all {len(above)} groups above the floor")
+    return found
+
+
 def _shared(
     twin: TwinModel,
     reduction: Reduction,
@@ -119,6 +160,58 @@ def _shared(
     if found is not None:
         say(f"{found.finding.name} explains all {len(above)} groups above the floor")
     return found
+
+
+def _common(
+    twin: TwinModel,
+    reduction: Reduction,
+    looked_at: Sequence[tuple[Reduced, PartFit]],
+    limit: TimeLimit,
+    seed: int,
+    say: Say,
+) -> Shared | None:
+    """A cause of all servos or joints that no group alone would speak of; None where there is none.
+
+    One gain may be three sigma off. Eleven that are three sigma off the same way are a supply that sags: under what is
+    known of nominal values their mean has a sigma of one over the root of eleven.
+    """
+    causes = []
+    for effect in LIBRARY.values():
+        if effect.shared in ("servos", "joints") and effect.competes_with:
+            sigmas = [_of_kind(part, effect.competes_with) for _, part in looked_at]
+            found = [sigma for own in sigmas for sigma in own]
+            if len(found) > 1 and abs(sum(found)) > DEVIATING_SIGMA * len(found) ** 0.5:
+                causes.append(SharedCause(effect, ROBOT))
+    if not causes:
+        return None
+    shared = SharedSearch(twin, reduction, looked_at).best(causes, limit, seed)
+    if shared is None or shared.finding.evidence_nats < DECISIVE_NATS:
+        return None
+    say(f"{shared.finding.name}: nominal values of all groups are off the same way")
+    return shared
+
+
+def _of_kind(part: PartFit, kind: str) -> list[float]:
+    """How many sigma a group's nominal values of a kind ("kp", "damping", "frictionloss") are off."""
+    return [sigma for name, sigma in part.base.deviations.items() if name.endswith(f".{kind}")]
+
+
+def _everywhere(finding: Finding, groups: Sequence[Reduced], outcomes: list[Outcome]) -> Finding:
+    """A cause that all servos or joints have is theirs, too, that are within the floor without it, if they are with it.
+
+    What their nominal values stood in for is taken back in `outcomes`.
+    """
+    if finding.target != ROBOT:
+        return finding
+    term = EffectTerm(effect=finding.effect, target=ROBOT, values=finding.values)
+    rest = [group for group in groups if not set(group.joints) & set(finding.joints)]
+    changed = [replace(group, twin=group.twin.changed(group.twin.terms.with_effect(term))) for group in rest]
+    sound = [(reduced, part) for reduced, part in concurrently(look, changed) if part.within_floor]
+    for reduced, part in sound:
+        place = next(i for i, outcome in enumerate(outcomes) if outcome.joints == part.joints)
+        outcomes[place] = replace(_begun(reduced, part), within_floor=True, left=outcomes[place].left)
+    theirs = [joint for reduced, _ in sound for joint in reduced.joints]
+    return finding.model_copy(update={"joints": (*finding.joints, *theirs)})
 
 
 def _units(twin: TwinModel, above: Sequence[tuple[Reduced, PartFit]]) -> list[list[tuple[Reduced, PartFit]]]:

@@ -7,6 +7,7 @@ cost is a sum over groups, so that a cause of the whole robot costs some roll-ou
 from __future__ import annotations
 
 import contextlib
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -68,7 +69,7 @@ class SharedCause:
         if self.effect.shared == "load":
             names = tuple(parameter.name for parameter in self.effect.parameters)
         else:
-            names = self.effect.presence
+            names = (self.effect.everywhere,) if self.effect.everywhere else self.effect.presence
         return tuple(name for name in names if name not in self.given)
 
     def terms(self, twin: TwinModel, values: Mapping[str, float]) -> Terms:
@@ -80,7 +81,8 @@ class SharedCause:
 
     def starts(self, twin: TwinModel, joints: Sequence[str]) -> tuple[dict[str, float], ...]:
         place = self.target if self.target in twin.joints else joints[0]
-        return tuple(_accepted(self.effect, {**s, **self.given}) for s in self.effect.starts(twin.scale(place)))
+        starts = self.effect.starts_everywhere() or self.effect.starts(twin.scale(place))
+        return tuple(_accepted(self.effect, {**s, **self.given}) for s in starts)
 
 
 @dataclass(frozen=True)
@@ -106,6 +108,7 @@ class _Group:
         rows = chosen.residuals(chosen.start[None])[0]
         self._basis, _ = np.linalg.qr(differenced(chosen, chosen.start, rows, range(len(chosen.start))))
         self.rows = self.left(rows)
+        self.times_floor = float(self.rows @ self.rows) / chosen.effective_samples
 
     def _variables(self) -> tuple[Variable, ...]:
         return over_some(self._part.variables, self.reduced.train, self._kept)
@@ -142,6 +145,18 @@ class SharedSearch:
         self._twin, self._reduction, self._above = twin, reduction, list(above)
         self._groups = concurrently(lambda item: _Group(*item), self._above)
         self._nothing = np.concatenate([group.rows for group in self._groups])
+
+    def only(self, chosen: Sequence[int]) -> SharedSearch:
+        """The same search for some of its groups."""
+        other = copy.copy(self)
+        other._above, other._groups = [self._above[i] for i in chosen], [self._groups[i] for i in chosen]
+        other._nothing = np.concatenate([group.rows for group in other._groups])
+        return other
+
+    @property
+    def times_floor(self) -> np.ndarray:
+        """(g,) what each group leaves with what its nuisances can do, in floors."""
+        return np.array([group.times_floor for group in self._groups])
 
     def _changed(self, cause: SharedCause, values: Mapping[str, float]) -> list[Reduced]:
         if cause.effect.shared != "load":
@@ -227,7 +242,16 @@ class SharedSearch:
             if 0.5 * expected < SHARED_SETTLED_NATS or begun.cost - expected > reach:
                 break
             begun = self._moved(begun, move)
-        return begun, slopes
+        return self._without_idle(begun, slopes), slopes
+
+    def _without_idle(self, begun: _Begun, slopes: np.ndarray) -> _Begun:
+        """A cause with those values back at neutral that do nothing where they are, such as a limit never reached."""
+        neutral, idle = begun.cause.effect.neutral(), {}
+        for name, column in zip(begun.cause.amplitudes, slopes.T, strict=True):
+            if float(np.linalg.norm(column)) * abs(begun.values[name] - neutral[name]) < 1.0:
+                idle[name] = neutral[name]
+        without = self.at(begun.cause, begun.values | idle) if 0 < len(idle) < len(begun.cause.amplitudes) else begun
+        return without if without.cost < begun.cost + 1.0 else begun
 
     def _moved(self, begun: _Begun, move: np.ndarray) -> _Begun:
         """A cause after a step (q,) of its values, as much of it as lowers the cost."""
@@ -252,8 +276,13 @@ class SharedSearch:
         there = SharedSearch(twin, reduction, looked_at)
         return (*there.fitted(there.at(cause, found.values), limit), there)
 
-    def best(self, causes: Sequence[SharedCause], limit: TimeLimit, seed: int) -> Shared | None:
-        """The cause that brings the groups back to the floor, on held-out motion too; None where none does."""
+    def best(
+        self, causes: Sequence[SharedCause], limit: TimeLimit, seed: int, *, most_left: float = np.inf
+    ) -> Shared | None:
+        """The cause that brings the groups back to the floor, on held-out motion too; None where none does.
+
+        What leaves more than a share `most_left` of the cost is not looked at any further.
+        """
         begun = sorted((b for c in causes if (b := self.begun(c, limit)) is not None), key=lambda one: one.cost)
         fits: list[tuple[_Begun, np.ndarray]] = []
         for one in begun[:SHARED_FINALISTS]:
@@ -263,6 +292,8 @@ class SharedSearch:
             return None
         fits.sort(key=lambda fit: fit[0].cost)
         best = fits[0][0]
+        if best.cost > most_left * float(self._nothing @ self._nothing):
+            return None
         found, slopes, there = self.settled(best, limit)
         cause, values = found.cause, found.values
         above, looked_at = self._above, there.beside(cause, values)
@@ -315,21 +346,28 @@ def _passing(
     if not both:
         return None
     for (_, old), (_, new) in both:
-        if (new.times_floor > np.maximum(FLOOR_CHI_SQUARE, RELATIVE_ERROR * old.times_floor)).any():
+        # of what nobody has fitted no share says anything
+        most = FLOOR_CHI_SQUARE if old.nominal else np.maximum(FLOOR_CHI_SQUARE, RELATIVE_ERROR * old.times_floor)
+        if (new.times_floor > most).any():
             return None
     squares = []
     for (reduced, old), (changed, new) in both:
         before = Validation(old, reduced.holdout, seed=seed)
-        after = Validation(new, changed.holdout, seed=seed, first=before)
+        after = Validation(new, changed.holdout, seed=seed, first=None if old.nominal else before)
         if not after.judge(new.base).adequate:
             return None
         squares.append((before.squares(), after.squares()))
     return np.concatenate([b for b, _ in squares]), np.concatenate([a for _, a in squares])
 
 
-def look(reduced: Reduced) -> tuple[Reduced, PartFit]:
-    """A group with the fit of what is uncertain about it."""
-    return reduced, PartFit(reduced.twin, reduced.train, reduced.joints)
+def look(reduced: Reduced, begun: PartFit | None = None) -> tuple[Reduced, PartFit]:
+    """A group with the fit of what is uncertain about it; `begun` is the group as it is at nominal values."""
+    return reduced, PartFit(reduced.twin, reduced.train, reduced.joints, begun=begun)
+
+
+def at_nominal(reduced: Reduced) -> tuple[Reduced, PartFit]:
+    """A group with all that is uncertain about it at its nominal value."""
+    return reduced, PartFit(reduced.twin, reduced.train, reduced.joints, nominal=True)
 
 
 def shared_causes(twin: TwinModel, above: Sequence[tuple[Reduced, PartFit]], groups: int) -> list[SharedCause]:
@@ -337,8 +375,10 @@ def shared_causes(twin: TwinModel, above: Sequence[tuple[Reduced, PartFit]], gro
     joints = [joint for reduced, _ in above for joint in reduced.joints]
     carried = linked(twin, [joints, *([joint] for joint in twin.joints)])
     near = {twin.joints[index - 1] for index in next(group for group in carried if 0 in group) if index}
+    everywhere = [ROBOT] if 2 * len(above) > groups else []
     places = {
-        "servos": [ROBOT] if 2 * len(above) > groups else [],
+        "servos": everywhere,
+        "joints": everywhere,
         "load": [HAND, *(j for j in twin.joints if j in near)],
     }
     return [
@@ -381,11 +421,15 @@ def _along(cause: SharedCause, start: Mapping[str, float], amount: float) -> dic
 
 def estimates(cause: SharedCause, values: Mapping[str, float], slopes: np.ndarray) -> dict[str, Estimate]:
     """The values by parameter with their intervals, from the slopes (m, q) of the rows by the amplitudes."""
-    sigmas = np.sqrt(np.diag(np.linalg.pinv(slopes.T @ slopes)))
+    limits = {parameter.name: parameter.limits for parameter in cause.effect.parameters}
+    # what the data say nothing of is anywhere within what is accepted at all
+    known = np.diag([(1.0 / (limits[name][1] - limits[name][0])) ** 2 for name in cause.amplitudes])
+    sigmas = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes + known)))
     found = {}
     for name, sigma in zip(cause.amplitudes, sigmas, strict=True):
         parameter = next(p for p in cause.effect.parameters if p.name == name)
         half = max(Z95 * float(sigma), VALUE_FLOOR * abs(values[name]))
-        interval = (values[name] - half, values[name] + half)
+        lower, upper = limits[name]
+        interval = (max(values[name] - half, lower), min(values[name] + half, upper))
         found[name] = Estimate(value=values[name], unit=parameter.unit, ci95=interval)
     return found

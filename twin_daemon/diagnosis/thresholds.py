@@ -40,6 +40,9 @@ SHARED_SHARES = tuple(
     Threshold(share, "1", "of an effect's own start: where a cause of several groups begins")
     for share in (1.0, 0.3, 0.1, 0.03, 0.01)
 )
+OF_ALL_LEFT = Threshold(
+    0.25, "1", "of the error: a cause of all servos that leaves more is asked again when the nuisances are fitted"
+)
 SHARED_FINALISTS = Count(5, "causes", "behind several groups that are fitted, of all that were begun")
 SHARED_STEPS = tuple(
     Threshold(share, "1", "of a value that several groups share: its step for a slope, one for each round of its fit")

@@ -198,8 +198,10 @@ class Effect(ABC):
     story: ClassVar[Story]
     confusable: ClassVar[tuple[str, ...]] = ()
     contains: ClassVar[tuple[str, ...]] = ()
-    shared: ClassVar[Literal["servos", "load"] | None] = None
-    """What makes several joints feel it at once: all servos have it alike, or it weighs on all that carry it."""
+    shared: ClassVar[Literal["servos", "joints", "load"] | None] = None
+    """What makes several joints feel it: all servos or all joints have it alike, or it weighs on all that carry it."""
+    everywhere: ClassVar[str] = ""
+    """The parameter that says how strong it is where all joints have it, when the others are in units of one joint."""
     amplitudes: ClassVar[tuple[str, ...]] = ()
     """The parameters that say whether the effect is there at all; the first one where none is named."""
     rank: ClassVar[int] = 1000
@@ -229,7 +231,7 @@ class Effect(ABC):
         if self.acts_on == "hand":
             return place.target == HAND
         if place.target == ROBOT:
-            return self.acts_on == "actuator"
+            return self.acts_on == "actuator" or self.shared == "joints"
         if self.acts_on == "tendon":
             return place.tendon is not None and place.command == place.target
         if self.acts_on == "actuator":
@@ -248,6 +250,10 @@ class Effect(ABC):
 
         `angle` (n,) rad is what the effect's place measured, `gap` (n,) rad that minus what was predicted.
         """
+        return ()
+
+    def starts_everywhere(self) -> tuple[dict[str, float], ...]:
+        """Finite-size values to start from where all joints have it alike; none where no joint's scale is needed."""
         return ()
 
     def complete(self, values: Mapping[str, float]) -> dict[str, float]:

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Story
-from twin_daemon.effects.edits import add_passive_motor, add_to_linear, servo_stiffness, stable_stiffness
+from twin_daemon.effects.edits import add_passive_motor, add_to_linear, linear, servo_stiffness, stable_stiffness
 
 _FLOOR = 1e-9  # N m: the law divides by its torque
 
@@ -28,6 +28,8 @@ class CoulombFriction(Effect):
     rank = 40
     stands_for = "frictionloss"
     dissipative = True
+    shared = "joints"
+    everywhere = "share"
     parameters = (
         Parameter(
             "friction",
@@ -40,6 +42,7 @@ class CoulombFriction(Effect):
             reach=Reach("kp", 0.5),
         ),
         Parameter("sticking", "1", 0.0, 1.0, 1.0, 1.0, "part of it that holds for ever; the rest creeps at rest"),
+        Parameter("share", "1", -0.95, 50.0, 0.0, 0.0, "more of each joint's own friction; of the robot as a whole"),
     )
     story = Story(
         what="A torque against the motion that does not depend on speed; at rest it holds.",
@@ -51,7 +54,7 @@ class CoulombFriction(Effect):
     confusable = ("stribeck_friction", "load_friction", "hysteresis", "backlash", "viscous_friction")
 
     def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:
-        friction = values["friction"]
+        friction = values["friction"] + values["share"] * linear(spec.joint(place.joint), "frictionloss")
         holds = values["sticking"] * max(friction, 0.0)
         add_to_linear(spec.joint(place.joint), "frictionloss", friction - holds, place)
         # always there, so that all values share one layout of the model
@@ -65,3 +68,7 @@ class CoulombFriction(Effect):
         own, strong = scale.frictionloss, 0.01 * scale.kp
         more = tuple({"friction": factor * strong, "sticking": 1.0} for factor in (0.5, 2.0, 5.0))
         return (*more, {"friction": strong, "sticking": 0.0}, {"friction": -0.7 * own, "sticking": 0.0})
+
+    def starts_everywhere(self) -> tuple[dict[str, float], ...]:
+        more = tuple({"friction": 0.0, "sticking": sticks, "share": 5.0} for sticks in (1.0, 0.0))
+        return (*more, {"friction": 0.0, "sticking": 0.0, "share": -0.7})

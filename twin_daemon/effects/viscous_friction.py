@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Story
-from twin_daemon.effects.edits import add_to_linear
+from twin_daemon.effects.edits import add_to_linear, linear
 
 
 class ViscousFriction(Effect):
@@ -18,6 +18,8 @@ class ViscousFriction(Effect):
     rank = 30
     stands_for = "damping"
     dissipative = True
+    shared = "joints"
+    everywhere = "share"
     parameters = (
         Parameter(
             "damping",
@@ -29,6 +31,7 @@ class ViscousFriction(Effect):
             "damping beside the model's own; below 0 it has less",
             reach=Reach("kp", 1.0),
         ),
+        Parameter("share", "1", -0.95, 20.0, 0.0, 0.0, "more of each joint's own damping; of the robot as a whole"),
     )
     story = Story(
         what="A torque against the motion that grows with speed.",
@@ -40,7 +43,11 @@ class ViscousFriction(Effect):
     confusable = ("coulomb_friction", "actuator_lag", "command_delay", "actuator_gain")
 
     def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:
-        add_to_linear(spec.joint(place.joint), "damping", values["damping"], place)
+        joint = spec.joint(place.joint)
+        add_to_linear(joint, "damping", values["damping"] + values["share"] * linear(joint, "damping"), place)
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
         return ({"damping": 0.5 * scale.damping}, {"damping": 2.0 * scale.damping}, {"damping": -0.5 * scale.damping})
+
+    def starts_everywhere(self) -> tuple[dict[str, float], ...]:
+        return ({"damping": 0.0, "share": 3.0}, {"damping": 0.0, "share": -0.7})

@@ -9,6 +9,7 @@ from typing import Literal
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from twin_daemon.effects import LIBRARY
 from twin_daemon.errors import BadInput
 from twin_daemon.places import ROBOT
 from twin_daemon.yaml_files import load_yaml
@@ -38,20 +39,22 @@ class Terms(BaseModel):
         kept = tuple(t for t in self.effects if (t.effect, t.target) != (term.effect, term.target))
         return Terms(parameters=self.parameters, effects=(*kept, term))
 
-    def at_servos(self, servos: Sequence[str]) -> Terms:
-        """These terms with each effect of the whole robot written out: the same at every servo."""
+    def written_out(self, servos: Sequence[str], joints: Sequence[str]) -> Terms:
+        """These terms with each effect of the whole robot written out: the same at every servo, or at every joint."""
         if not any(term.target == ROBOT for term in self.effects):
             return self
         found = Terms(parameters=self.parameters)
         for term in self.effects:
-            for target in servos if term.target == ROBOT else (term.target,):
+            everywhere = joints if LIBRARY[term.effect].shared == "joints" else servos
+            for target in everywhere if term.target == ROBOT else (term.target,):
                 found = found.with_effect(term.model_copy(update={"target": target}))
         return found
 
-    def is_at_servos(self, term: EffectTerm, servos: Sequence[str]) -> bool:
-        """Whether each of several servos has this effect with the same values: one cause of the whole robot."""
+    def is_everywhere(self, term: EffectTerm, servos: Sequence[str], joints: Sequence[str]) -> bool:
+        """Whether each of several servos, or joints, has this effect with the same values: one cause of the robot."""
+        places = joints if LIBRARY[term.effect].shared == "joints" else servos
         alike = {t.target for t in self.effects if (t.effect, t.values) == (term.effect, term.values)}
-        return len(servos) > 1 and term.target in servos and set(servos) <= alike
+        return len(places) > 1 and term.target in places and set(places) <= alike
 
     def without_effect(self, effect: str, targets: set[str]) -> Terms:
         """These terms with an effect removed at the given places."""

@@ -54,7 +54,7 @@ class TwinModel:
             self._base = nominal.copy()
             self.base_model = self._base.compile()
             self._map_names()
-            self.terms = terms = terms.at_servos(self.actuators)
+            self.terms = terms = terms.written_out(self.actuators, self.joints)
             if terms.parameters:
                 self._edit_parameters(terms.parameters)
                 self.base_model = self._base.compile()

@@ -67,6 +67,9 @@ class ViscousEverywhere(Law):
     at = "robot"
     sizes = (5e-3, 8.0)
 
+    def values(self) -> dict[str, float]:
+        return {"share": self.size}
+
     def nominal_change(self) -> float | None:
         return float(np.log1p(self.size))
 
@@ -90,6 +93,9 @@ class CoulombEverywhere(ViscousEverywhere):
 
     def draw(self, random: np.random.Generator) -> None:
         self._by_own = chance(random, 0.5) and bool(np.all(self.site.robot.friction > 0))
+
+    def values(self) -> dict[str, float]:
+        return {"share": 20 * self.size} if self._by_own else {}
 
     def nominal_change(self) -> float | None:
         own, more = self.site.robot.friction, self._more()
