@@ -20,6 +20,14 @@ def test_planted_noise_is_recovered_under_a_motion(sigma: float, rng: np.random.
     assert 0.6 * sigma < np.sqrt(found) < 1.15 * sigma
 
 
+@pytest.mark.parametrize("rate_hz", [50.0, 100.0])
+def test_a_fast_motion_that_is_sampled_slowly_is_no_noise(rate_hz: float, rng: np.random.Generator) -> None:
+    time_s = np.arange(0.0, 20.0, 1.0 / rate_hz)
+    motion = 0.5 * np.sin(2 * np.pi * 1.5 * time_s) + 0.2 * np.sin(2 * np.pi * 0.4 * time_s)
+    found = noise_variance(motion + 3e-4 * rng.standard_normal(motion.size))
+    assert 0.6 * 3e-4 < np.sqrt(found) < 1.3 * 3e-4  # eighty times that by differences of the second order, at 50 Hz
+
+
 def test_a_sensor_that_counts_has_the_noise_of_its_step() -> None:
     step = 1.3e-3
     assert resolution(np.round(MOTION / step) * step) == pytest.approx(step)

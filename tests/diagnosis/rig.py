@@ -48,6 +48,20 @@ def rubbing_rig(folder: Path) -> tuple[Path, Path]:
     return model, saved(made, folder / "rubs.mcap")
 
 
+def changed_rig(folder: Path, key: str, **values: float) -> tuple[Path, Path, Path]:
+    """(the rig's MJCF, a bag of one that has an effect everywhere, another with other noise)."""
+    model = rig_model(folder)
+    twin = TwinModel.load(load_hand(model=model))
+    plant = twin.changed(Terms(effects=(EffectTerm(effect=key, target="robot", values=values),)))
+    bags = [
+        saved(
+            recorded(plant, _MOTION, np.random.default_rng(seed), seconds=6.0, noise_rad=1e-4), folder / f"{seed}.mcap"
+        )
+        for seed in (6, 7)
+    ]
+    return model, bags[0], bags[1]
+
+
 def late_rig(folder: Path) -> tuple[Path, Path]:
     """(the rig's MJCF, a bag of it with a bus that is late for every servo)."""
     model = rig_model(folder)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.diagnosis.conftest import called
-from tests.diagnosis.rig import DELAY_S, SERVOS, late_rig
+from tests.diagnosis.rig import DELAY_S, SERVOS, changed_rig, late_rig
 from twin_daemon.cli.app import main
 from twin_daemon.hand import load_hand
 from twin_daemon.places import ROBOT
@@ -92,3 +92,31 @@ def test_a_cause_of_all_servos_is_the_first_step_of_the_ladder(late: tuple[str, 
     assert set(first["joints"]) == set(SERVOS)
     assert first["verdict"] == "within_noise"
     assert set(_delays(ladder["terms"])) == set(SERVOS)
+
+
+@pytest.mark.parametrize(
+    ("key", "values", "told"),
+    [
+        ("command_delay", {"delay": 0.03}, ("delay", 0.03)),
+        ("viscous_friction", {"damping": 0.0, "share": 2.0}, ("share", 2.0)),
+        # each gain alone is three of its sigma off, which may be; three that are off the same way are one cause
+        ("actuator_gain", {"factor": 0.68, "limit": 1.0}, ("factor", 0.68)),
+    ],
+)
+def test_what_all_joints_have_is_one_cause_and_named_once(
+    key: str, values: dict[str, float], told: tuple[str, float], tmp_path: Path
+) -> None:
+    model, bag, other = changed_rig(tmp_path, key, **values)
+    said = called("diagnose", "--model", str(model), "--recording", str(bag), "--holdout", str(other),
+                  result=tmp_path / "d.json")  # fmt: skip
+    assert said["verdict"] in ("explained", "ambiguous")
+    (found,) = said["findings"]
+    assert (found["effect"], found["target"]) == (key, "robot")
+    assert set(found["joints"]) == set(SERVOS)
+    name, planted = told
+    estimate = found["parameters"][name]
+    assert estimate["ci95"][0] < planted < estimate["ci95"][1]
+    assert estimate["value"] == pytest.approx(planted, rel=0.1)
+    if limit := found["parameters"].get("limit"):  # no servo comes near it: nothing is said of it
+        assert limit["value"] == 1.0
+        assert limit["ci95"][1] - limit["ci95"][0] > 10.0

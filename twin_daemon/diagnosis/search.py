@@ -25,6 +25,7 @@ from twin_daemon.diagnosis.thresholds import (
 from twin_daemon.diagnosis.validation import Validation
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding
 from twin_daemon.effects import LIBRARY
+from twin_daemon.estimation.nuisances import NOMINAL_KINDS
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
 from twin_daemon.estimation.variables import EffectVariable
@@ -173,17 +174,16 @@ def _common(
     """A cause of all servos or joints that no group alone would speak of; None where there is none.
 
     One gain may be three sigma off. Eleven that are three sigma off the same way are a supply that sags: under what is
-    known of nominal values their mean has a sigma of one over the root of eleven.
+    known of nominal values their mean has a sigma of one over the root of eleven. A weak servo without gravity looks
+    like one with more to move, so that whatever is off asks for all of them.
     """
-    causes = []
-    for effect in LIBRARY.values():
-        if effect.shared in ("servos", "joints") and effect.competes_with:
-            sigmas = [_of_kind(part, effect.competes_with) for _, part in looked_at]
-            found = [sigma for own in sigmas for sigma in own]
-            if len(found) > 1 and abs(sum(found)) > DEVIATING_SIGMA * len(found) ** 0.5:
-                causes.append(SharedCause(effect, ROBOT))
-    if not causes:
+    if not any(_off_the_same_way(looked_at, kind) for kind in NOMINAL_KINDS):
         return None
+    causes = [
+        SharedCause(effect, ROBOT)
+        for effect in LIBRARY.values()
+        if effect.shared in ("servos", "joints") and effect.competes_with
+    ]
     shared = SharedSearch(twin, reduction, looked_at).best(causes, limit, seed)
     if shared is None or shared.finding.evidence_nats < DECISIVE_NATS:
         return None
@@ -191,9 +191,12 @@ def _common(
     return shared
 
 
-def _of_kind(part: PartFit, kind: str) -> list[float]:
-    """How many sigma a group's nominal values of a kind ("kp", "damping", "frictionloss") are off."""
-    return [sigma for name, sigma in part.base.deviations.items() if name.endswith(f".{kind}")]
+def _off_the_same_way(looked_at: Sequence[tuple[Reduced, PartFit]], kind: str) -> bool:
+    """Whether the nominal values of a kind ("kp", "damping", ...) are off by more than each on its own may be."""
+    found = [
+        sigma for _, part in looked_at for name, sigma in part.base.deviations.items() if name.endswith(f".{kind}")
+    ]
+    return len(found) > 1 and abs(sum(found)) > DEVIATING_SIGMA * len(found) ** 0.5
 
 
 def _everywhere(finding: Finding, groups: Sequence[Reduced], outcomes: list[Outcome]) -> Finding:

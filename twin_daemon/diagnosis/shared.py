@@ -181,12 +181,16 @@ class SharedSearch:
         """
         limit.check()
         joints = [joint for reduced, _ in self._above for joint in reduced.joints]
+        starts = cause.starts(self._twin, joints)
+        directions = _directions(cause, starts)
         found: list[_Begun] = []
-        for start in _directions(cause, cause.starts(self._twin, joints)):
-            if cause.effect.shared == "load":
+        if cause.effect.shared == "load":
+            for start in directions:
                 found += self._projected(cause, start)
-            else:
-                found += [one for share in SHARED_SHARES if (one := self._at(cause, start, share)) is not None]
+        else:
+            begun = [(start, 1.0) for start in starts]
+            begun += [(start, share) for start in directions for share in SHARED_SHARES[1:]]
+            found = [one for start, share in begun if (one := self._at(cause, start, share)) is not None]
         return min(found, key=lambda one: one.cost) if found else None
 
     def at(self, cause: SharedCause, values: Mapping[str, float]) -> _Begun:

@@ -21,6 +21,7 @@ from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
 
 _KINDS = ("damping", "frictionloss", "armature")
+NOMINAL_KINDS = (*_KINDS, "kp")
 
 
 def nuisance_variables(twin: TwinModel, recordings: Sequence[Aligned], joints: Sequence[str]) -> tuple[Variable, ...]:
