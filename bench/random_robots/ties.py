@@ -13,6 +13,10 @@ _ALWAYS: dict[str, dict[str, str]] = {
     "sensor_gain": {
         "spring": _SERVO + "a pull that grows with the angle scales the motion as a wrong scale the reading"
     },
+    "spring": {
+        "sensor_gain": _SERVO + "a wrong scale of the reading is a pull that grows with the angle",
+        "sensor_offset": _SERVO + "a wrong zero of the reading is a constant pull",
+    },
     "tendon_elasticity": {
         "actuator_gain": "servo and shaft in series are a weaker servo up to the motor's own inertia",
     },
