@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .laws import Law
+from .laws.transmission import ServoPlay
 
 _SERVO = "a servo of stiffness kp answers a torque t by the angle t / kp: "
 
@@ -21,6 +22,7 @@ _ALWAYS: dict[str, dict[str, str]] = {
         "actuator_gain": "servo and shaft in series are a weaker servo up to the motor's own inertia",
     },
 }
+_LIGHT_MOTOR = "within its play a motor that weighs nothing goes to its target at once: the servo is silent there"
 _PASSIVE: dict[str, dict[str, str]] = {
     "spring": {"coupling": "a spring at one joint of a coupled pair is a part of the law of the split"},
     "coulomb_friction": {"coupling": "dry friction at one joint of a coupled pair is a part of the law of the split"},
@@ -47,6 +49,10 @@ def ties(law: Law, strength: float) -> dict[str, str]:
         quick = float(np.std(np.gradient(speed) * robot.rate_hz) / np.std(speed))  # rad/s
         if 0.5 * next(iter(law.values().values())) * quick * strength < _UNSEEN:
             found[_TIMES[law.key]] = "to first order both shift the motion in time; the second order is below the floor"
+    if law.key == "dead_zone":
+        found["backlash"] = _LIGHT_MOTOR
+    if isinstance(law, ServoPlay):
+        found["dead_zone"] = _LIGHT_MOTOR
     sag = float(robot.gravity_load[joint])
     if law.key == "backlash" and sag < 1e-3 * law.site.kp * law.site.unit:
         found["dead_zone"] = "without a load a joint in its play and a servo in its silence both stay where they are"

@@ -37,6 +37,7 @@ const DRAWINGS: Record<string, () => Part[]> = {
   payload: () => arm([drawn("rect", { x: 192, y: 24, width: 30, height: 26, rx: 3, class: "good fill" }), line("M207 54V76M201 70l6 8 6-8", "bad"), text(232, 42, "load", "words", "start")]),
   gravity_tilt: () => [line("M70 74L190 74", "axis"), line("M100 74L140 14", "thick"), line("M100 74V14", "model"), line("M100 26A48 48 0 0 1 126 34", "good"), line("M220 14V64M214 56l6 10 6-10", "bad"), text(232, 44, "gravity", "words", "start")],
   actuator_gain: () => law("error of the angle", "torque", "M50 76L262 16", "M50 62L262 30"),
+  dead_zone: () => law("error of the angle", "torque", "M50 76L262 16", "M50 68L116 46H196L262 24"),
   actuator_saturation: () => law("error of the angle", "torque", "M50 80L262 12", "M50 62H104L208 30H262"),
   actuator_lag: () => over("time", "M40 66H90V20H270", "M40 66H90C104 34 140 22 270 20"),
   rate_limit: () => over("time", "M40 66H90V20H270", "M40 66H90L210 20H270"),

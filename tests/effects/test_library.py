@@ -26,7 +26,7 @@ CONTRACT = {
     "viscous_friction", "coulomb_friction", "stribeck_friction", "load_friction", "backlash", "hysteresis",
     "tendon_elasticity", "coupling", "spring", "nonlinear_spring", "joint_stop", "armature", "payload",
     "gravity_tilt", "actuator_gain", "actuator_saturation", "actuator_lag", "rate_limit", "command_delay",
-    "torque_ripple", "sensor_offset", "sensor_gain",
+    "torque_ripple", "sensor_offset", "sensor_gain", "dead_zone",
 }  # fmt: skip
 VISIBLE_RAD = 1e-3
 SIZES = ("nq", "nv", "nu", "na", "nactuator", "nhistory", "nbody", "njnt", "ntendon", "neq", "npair", "nplastic")

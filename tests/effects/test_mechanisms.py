@@ -34,6 +34,14 @@ def _rest(twin: TwinModel, *effects: tuple[str, str, dict[str, float]], target: 
     return float(move(twin.changed(Terms(effects=terms)), controls)[-1, twin.joints.index("rh_FFJ3")])
 
 
+def _hold(twin: TwinModel, start: float, *effects: tuple[str, str, dict[str, float]], target: float = 0.7) -> float:
+    """Where J3 comes to rest, rad, after a slow way from `start` to `target`."""
+    terms = tuple(EffectTerm(effect=key, target=place, values=values) for key, place, values in effects)
+    controls = np.zeros((1500, len(twin.actuators)))
+    controls[:, twin.actuators.index("rh_FFJ3")] = np.interp(np.arange(1500), [0, 700], [start, target])
+    return float(move(twin.changed(Terms(effects=terms)), controls)[-1, twin.joints.index("rh_FFJ3")])
+
+
 def test_a_series_spring_adds_its_compliance_to_the_servos(smooth: TwinModel):
     pull = ("spring", "rh_FFJ3", {"stiffness": 0.0, "preload": 0.4})
     for stiffness in (5.0, 50.0, 500.0):
@@ -52,6 +60,78 @@ def test_play_and_elasticity_at_one_motor_add_up(smooth: TwinModel):
     both = (("backlash", "rh_FFJ3", {"gap": 0.05}), ("tendon_elasticity", "rh_FFJ3", {"stiffness": 20.0}))
     up, down = (_rest(smooth, ("spring", "rh_FFJ3", {"stiffness": 0.0, "preload": s * 0.2}), *both) for s in (1, -1))
     assert up - down == pytest.approx(0.05 + 2 * 0.2 / 10.0 + 2 * 0.2 / 20.0, abs=5e-4)
+
+
+@pytest.mark.parametrize("band", [0.005, 0.03, 0.1])
+def test_a_silent_servo_lets_the_joint_rest_at_the_edge_of_its_band(smooth: TwinModel, band: float):
+    silent = ("dead_zone", "rh_FFJ3", {"band": band})
+    assert [0.7 - _hold(smooth, start, silent) for start in (0.4, 1.0)] == pytest.approx([band, -band], abs=1e-3)
+
+
+def test_holds_reached_from_both_sides_under_two_loads_tell_what_keeps_a_joint_from_its_target():
+    """(how far apart the two sides, how far apart the two loads leave it), beyond the servo's own stiffness."""
+
+    def geared(spec) -> None:
+        spec.option.gravity = np.zeros(3)
+        for joint in spec.joints:
+            joint.frictionloss, joint.armature, joint.damping = 0.0, 0.02, np.array([1.0, 0.0, 0.0])
+
+    finger = loaded_finger(geared)
+    torque, here = 0.3, "rh_FFJ3"
+    kept = {
+        "dead_zone": (here, {"band": 0.03}),
+        "coulomb_friction": (here, {"friction": 0.2, "sticking": 1.0}),
+        "sensor_offset": (here, {"offset": 0.03}),
+    }
+    apart = {}
+    for key, (place, values) in kept.items():
+        rests = [
+            [
+                _hold(finger, start, ("spring", here, {"stiffness": 0.0, "preload": load}), (key, place, values))
+                for start in (0.4, 1.0)
+            ]
+            for load in (-torque, torque)
+        ]
+        sides, loads = np.diff(rests, axis=1), np.diff(np.mean(rests, axis=1)) - 2 * torque / 10.0
+        apart[key] = (float(np.abs(sides).mean()), float(loads[0]))
+    assert apart["dead_zone"] == pytest.approx((0.0, 0.06), abs=1e-3)
+    assert apart["coulomb_friction"] == pytest.approx((0.04, 0.0), abs=4e-3)
+    assert apart["sensor_offset"] == pytest.approx((0.0, 0.0), abs=1e-3)
+
+
+def test_a_silent_servo_is_play_behind_a_motor_that_weighs_nothing(bench: Bench):
+    """The two are told apart by what a heavy motor does on its way through its play, and by nothing else."""
+    silent = bench.move(bench.with_effects(("dead_zone", "rh_FFJ3", {"band": 0.04})))
+    plays = [
+        bench.move(bench.with_effects(("backlash", "rh_FFJ3", {"gap": 0.08, "motor_share": share})))
+        for share in (0.02, 0.9)
+    ]
+    light, heavy = (float(np.std(play - silent)) for play in plays)
+    assert light < 5e-4 < 2e-3 < heavy
+
+
+@pytest.mark.parametrize(("error", "left"), [(0.02, 0.0), (0.1, 0.07), (-0.1, -0.07)])
+def test_a_servo_is_silent_from_the_first_step_of_a_rollout(smooth: TwinModel, error: float, left: float):
+    """It moves the joint as a servo would whose target is nearer by the band, as long as it pulls at all."""
+    twin = smooth.changed(Terms(effects=(EffectTerm(effect="dead_zone", target="rh_FFJ3", values={"band": 0.03}),)))
+    start = np.full(len(twin.joints), 0.5)
+    moved = []
+    for model, off in ((twin, error), (smooth, left)):
+        control = twin.drive @ start
+        control[twin.actuators.index("rh_FFJ3")] += off
+        qpos = model.initial_qpos(start, control)
+        moved.append(roll_out([model.model], np.tile(control, (1, 10, 1)), qpos[None])[0][:, model.qpos_adr])
+    np.testing.assert_allclose(*moved, rtol=0, atol=2e-4)
+
+
+def test_a_silent_servo_keeps_its_limit(smooth: TwinModel):
+    """With a load beyond what the servo gives the joint runs away, band or none."""
+    limit = float(smooth.base_model.actuator_forcerange[smooth.actuators.index("rh_FFJ3"), 1])
+    load = ("spring", "rh_FFJ3", {"stiffness": 0.0, "preload": 0.9 * limit})
+    silent = ("dead_zone", "rh_FFJ3", {"band": 0.03})
+    assert _rest(smooth, load, silent, target=0.2) == pytest.approx(0.2 + 0.09 * limit + 0.03, abs=2e-3)
+    beyond = ("spring", "rh_FFJ3", {"stiffness": 0.0, "preload": 1.1 * limit})
+    assert _rest(smooth, beyond, silent, target=0.2) > 1.0
 
 
 def test_a_spring_pulls_with_its_preload_and_its_stiffness(smooth: TwinModel):

@@ -71,6 +71,10 @@ def test_backlash_is_a_dead_zone_as_wide_as_the_gap_at_every_reversal(drive: Dri
     assert loop(drive, "backlash:rh_FFJ3=0.05", at=0.85) == pytest.approx(0.05, rel=0.03)
 
 
+def test_a_servo_is_silent_up_to_its_band_on_either_side(drive: Drive) -> None:
+    assert loop(drive, "dead_zone:rh_FFJ3=0.025") == pytest.approx(0.05, rel=0.03)
+
+
 def test_hysteresis_is_narrow_after_a_reversal_and_full_further_on(drive: Drive) -> None:
     hidden = "hysteresis:FFJ3=0.2,yield_angle=0.1"
     full = 2 * 0.2 / KP

@@ -28,9 +28,11 @@ def test_its_commands_name_what_is_hidden(twin: Twin, tmp_path: Path) -> None:
 
     read = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in tmp_path.glob("*.json")}
     assert read["tuned"]["holdout_after"]["mse_rad2"] < read["tuned"]["holdout_before"]["mse_rad2"]
-    assert read["diagnosis"]["verdict"] == "explained"
     (finding,) = read["diagnosis"]["findings"]
     assert (finding["effect"], finding["joints"]) == ("backlash", ["rh_FFJ3"])
+    # the motor of the stand-in hand weighs nothing: its play and a silent servo are one law
+    assert read["diagnosis"]["verdict"] in ("ambiguous", "explained")
+    assert set(finding["confusable_with"]) <= {"dead_zone:rh_FFJ3"}
     low, high = next(iter(finding["parameters"].values()))["ci95"]
     assert low <= 0.02 <= high
     # the named effect leaves less of what it has not seen than all the parameters together

@@ -34,6 +34,10 @@ class Hypothesis:
         """Whether the other law, at the same place, is this one at a bound."""
         return self.target == other.target and other.effect.key in self.effect.contains
 
+    def is_limit_of(self, other: Hypothesis) -> bool:
+        """Whether the other law, at the same place, becomes this one at a bound of its own."""
+        return self.target == other.target and other.effect.key in self.effect.limit_of
+
     def term(self, values: Mapping[str, float]) -> EffectTerm:
         return EffectTerm(effect=self.effect.key, target=self.target, values=dict(values))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 
@@ -49,6 +50,8 @@ def next_effect(part: PartFit, validation: Validation, say: Say, outcome: Outcom
     # where nuisances reach the floor, costs differ by less than a first fit is good for
     finalists = within[: 2 * FINALISTS if part.within_floor else FINALISTS]
     finalists += [r for r in within if r not in finalists and finalists[0].hypothesis.contains(r.hypothesis)]
+    limits = [first.hypothesis for first in finalists]
+    finalists += [r for r in first_fits if r not in finalists and any(h.is_limit_of(r.hypothesis) for h in limits)]
     for first in [r for r in first_fits if r not in finalists]:
         gain = 0.5 * (screening.cost - first.cost)
         behind = 0.5 * (first.cost - first_fits[0].cost)
@@ -82,7 +85,9 @@ def next_effect(part: PartFit, validation: Validation, say: Say, outcome: Outcom
         elif simpler is None and judged.adequate and best.hypothesis.contains(hypothesis):
             simpler = Accepted(part, fit, judged)
             continue
-        elif best_evidence - evidence < decisive(best.fit) and (judged.adequate or not best.judged.adequate):
+        elif best.hypothesis.is_limit_of(hypothesis) or (
+            best_evidence - evidence < decisive(best.fit) and (judged.adequate or not best.judged.adequate)
+        ):
             rivals.append(Accepted(part, fit, judged))
             reason = "the data do not tell it from the best candidate"
         else:
@@ -96,6 +101,12 @@ def next_effect(part: PartFit, validation: Validation, say: Say, outcome: Outcom
         # both are right on held-out motion, and one is the other at a bound: the simpler is the answer
         best, rivals = simpler, [*rivals, best]
         weighed[best.hypothesis.name] = best_evidence
+    law = next((rival for rival in rivals if best.hypothesis.is_limit_of(rival.hypothesis)), None)
+    if law is not None and (law.judged.adequate or not best.judged.adequate):
+        # what the limit has over the law that it is a limit of is no evidence against that law
+        best, rivals = law, [best, *(rival for rival in rivals if rival is not law)]
+        named = best.hypothesis.name
+        weighed = {named: best_evidence} | {name: nats for name, nats in weighed.items() if name != named}
     return replace(best, rivals=tuple(rivals), weighed=weighed, decisive_nats=decisive(best.fit))
 
 
@@ -232,6 +243,9 @@ def swap_rivals(
         starts = list(zip(beside, choices, strict=True))
         fits = concurrently(lambda s: first.full_fit_together([a.fit for a in s[0]], evaluations, s[1].fit), starts)
         evidence = [first.evidence_nats(joint[index]) for joint in fits]
+        for limit, law in permutations(range(len(choices)), 2):
+            if choices[limit].hypothesis.is_limit_of(choices[law].hypothesis):
+                evidence[law] = max(evidence[law], evidence[limit])
         most = max(range(len(choices)), key=evidence.__getitem__)
         bar = evidence[most] - decisive(fits[most][index])
         tied = [i for i, nats in enumerate(evidence) if i == most or nats > bar]

@@ -44,6 +44,11 @@ def link_tendon(place: Place) -> str:
     return f"{place.actuator}_link"
 
 
+def silent_joint(place: Place) -> str:
+    """The name of the joint that yields to a servo which is silent near its target, where there is one."""
+    return f"{place.actuator}_silent"
+
+
 @dataclass(frozen=True)
 class ReadingCurve:
     """What is added to a joint's reading over its own angle, or over that of a joint `over`: linear between its knots
@@ -210,6 +215,8 @@ class Effect(ABC):
     stands_for: ClassVar[StandsFor | None] = None
     """What is uncertain about any nominal model and moves in its place: a fit of the effect holds it."""
     excludes: ClassVar[tuple[str, ...]] = ()
+    limit_of: ClassVar[tuple[str, ...]] = ()
+    """Laws that become this one at a bound of theirs, where no position data tell them apart: these are named first."""
     reads_nominal_error: ClassVar[bool] = False
     """Whether `suggested` is given the error of the nominal model, not what its uncertain parameters leave of that."""
     leaves_out: ClassVar[str] = ""

@@ -124,10 +124,14 @@ def implicit_spring(spec: Any, tendon: str, stiffness: float, damping: float) ->
     MuJoCo's terms: reference acceleration -(stiffness / (h c)) r - v / h, regularisation 1 / (h c). The impedance
     that gives this regularisation follows from the tendon's inverse inertia at rest, which the compiler knows.
     """
-    h = float(spec.option.timestep)
-    c = damping + h * stiffness
     model = spec.compile()
     inverse_inertia = float(model.tendon_invweight0[model.tendon(tendon).id])
+    return implicit_step(float(spec.option.timestep), inverse_inertia, stiffness, damping)
+
+
+def implicit_step(h: float, inverse_inertia: float, stiffness: float, damping: float) -> tuple[np.ndarray, np.ndarray]:
+    """The same for any constraint, from its inverse inertia at rest and the time step `h` in s."""
+    c = damping + h * stiffness
     impedance = np.clip(1.0 / (1.0 + 1.0 / (h * c * inverse_inertia)), 1e-4, 0.9999)
     solref = -impedance * np.array([stiffness / (h * c), 1.0 / h])
     return solref, np.array([impedance, impedance, 0.001, 0.5, 2.0])

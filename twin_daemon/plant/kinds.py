@@ -149,6 +149,7 @@ _ALL = (
     Kind("actuator_saturation", "largest torque of the servo", "N m (limit)", math.inf, 0.3, 0.1, "command"),
     Kind("actuator_lag", "time constant of a first-order lag of the command", "s", 0.0, 0.03, 0.1, "command"),
     Kind("rate_limit", "fastest change of the command that is followed", "rad/s", math.inf, 3.0, 0.8, "command"),
+    Kind("dead_zone", "error, either way, up to which the servo gives no torque", "rad", 0.0, 0.012, 0.04, "command"),
     Kind("command_delay", "time from command to servo", "s", 0.0, 0.02, 0.08, "command", upper=2.0),
     Kind(
         "torque_ripple",
@@ -216,7 +217,15 @@ _ALL = (
         lower=-1.0,
         upper=1.0,
     ),
-    Kind("x_dead_band_controller", "error below which the servo gives no torque", "rad", 0.0, 0.02, 0.06, "command"),
+    Kind(
+        "x_dead_band_controller",
+        "error below which the servo gives no torque, and above which all of it",
+        "rad",
+        0.0,
+        0.02,
+        0.06,
+        "command",
+    ),
     Kind(
         "x_slip",
         "step by which the tendon slips on its pulley at high torque",

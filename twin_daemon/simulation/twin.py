@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from twin_daemon.effects import LIBRARY, reload_files
-from twin_daemon.effects.base import Measurement, Place, Scale, link_tendon, motor_joint
+from twin_daemon.effects.base import Measurement, Place, Scale, link_tendon, motor_joint, silent_joint
 from twin_daemon.effects.mjcf_text import mjcf_text
 from twin_daemon.errors import BadInput, nearest
 from twin_daemon.hand.description import Hand
@@ -310,7 +310,8 @@ class TwinModel:
         """A model configuration (nq,) with the measured joints (j,) set; NaN leaves the model's default.
 
         A motor-side joint that an effect has added starts where its transmission is at rest: at the joint, or,
-        within the play that the transmission has, where the controls (nu,) hold it.
+        within the play that the transmission has, where the controls (nu,) hold it. What a silent servo leaves of the
+        error is there from the start.
         """
         qpos = self.model.qpos0.copy()
         known = np.isfinite(position)
@@ -326,6 +327,12 @@ class TwinModel:
                     half = float(self.model.tendon_range[link, 1])
                     start = float(np.clip(control[index], start - half, start + half))
                 qpos[self.model.jnt_qposadr[motor]] = start
+            silent = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_JOINT, silent_joint(place))
+            if control is not None and silent >= 0:
+                # just beyond where its ends begin, so that they bear from the first step
+                band = max(0.0, float(self.model.jnt_range[silent, 1] - self.model.jnt_margin[silent])) + 1e-6
+                start = float(np.clip(control[index] - actuated[index], -band, band))
+                qpos[self.model.jnt_qposadr[silent]] = start
         return qpos
 
     def mjcf(self) -> str:

@@ -48,19 +48,20 @@ class Saturation(Law):
 
 
 class DeadZone(ServoLaw):
-    """A controller that is silent while the error is small, and gives its whole torque outside of the band."""
+    """A controller that is silent while the error is small, and counts it from the edge of the band outside of that."""
 
     key = "dead_zone"
     sizes = (1e-4, 0.3)
 
     def values(self) -> dict[str, float]:
-        return {"width": self.size * self.site.unit}
+        return {"band": self.size * self.site.unit}
 
     def step(self, target: np.ndarray) -> None:
         angle, speed = self.length()
         error = float(target[self.site.servo]) - angle
-        if abs(error) > self.size * self.site.unit:
-            self.pull(self.torque(error, speed))
+        left = abs(error) - self.size * self.site.unit
+        if left > 0:
+            self.pull(self.torque(np.sign(error) * left, speed))
 
 
 class Ripple(Law):

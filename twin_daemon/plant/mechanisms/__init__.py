@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .base import Mechanism
 from .bodies import Armature, GravityTilt, Payload
-from .commands import CommandDelay, CommandLag, DeadBand, RateLimit
+from .commands import CommandDelay, CommandLag, DeadBand, DeadZone, RateLimit
 from .drive import AsymmetricGain, Gain, Ripple, Saturation, ThermalFade
 from .friction import CoulombFriction, LoadFriction, StickyPatch, StribeckFriction, ViscousFriction
 from .sensing import Crosstalk, SensorGain, SensorOffset, SensorStick
@@ -20,6 +20,7 @@ MECHANISMS: dict[str, type[Mechanism]] = {
     "x_slip": Slip,
     "backlash": Backlash,
     "tendon_elasticity": Elasticity,
+    "dead_zone": DeadZone,
     "x_dead_band_controller": DeadBand,
     "actuator_gain": Gain,
     "x_asymmetric_gain": AsymmetricGain,

@@ -1,4 +1,4 @@
-"""Between the bus and the servo: delay, slew, lag, and a controller that looks away from small errors."""
+"""Between the bus and the servo: delay, slew, lag, and controllers that look away from small errors."""
 
 from __future__ import annotations
 
@@ -72,3 +72,20 @@ class DeadBand(Mechanism):
     def drive(self, state: State) -> None:
         error = state.target[self.rows] - state.servo_angle[self.rows]
         state.torque[self.rows] *= np.abs(error) >= self.value
+
+
+class DeadZone(Mechanism):
+    """The controller is silent while the error is within `value` rad, and counts the error from there outside of it."""
+
+    stages = ("drive",)
+
+    def prepare(self) -> None:
+        self.rows = self.command_rows()
+
+    def drive(self, state: State) -> None:
+        rig, rows = self.rig, self.rows
+        goal = -(rig.gain[rows] * state.target[rows] + rig.bias[rows]) / rig.pull[rows]
+        error = goal - state.servo_angle[rows]
+        beyond = np.sign(error) * np.maximum(np.abs(error) - self.value, 0.0)
+        torque = -rig.pull[rows] * beyond + rig.brake[rows] * state.servo_speed[rows] * (beyond != 0.0)
+        state.torque[rows] = np.clip(torque, rig.force_low[rows], rig.force_high[rows])
