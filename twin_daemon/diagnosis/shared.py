@@ -200,7 +200,11 @@ class SharedSearch:
 
     def beside(self, cause: SharedCause, values: Mapping[str, float]) -> list[tuple[Reduced, PartFit]]:
         """The groups with a cause in their models, and what is uncertain about them fitted beside it."""
-        return concurrently(look, self._changed(cause, values))
+        changed = self._changed(cause, values)
+        if cause.effect.shared == "load":
+            return concurrently(look, changed)
+        # the groups are as they were but for a value that has moved a little: so is their floor
+        return concurrently(lambda one: look(*one), list(zip(changed, [part for _, part in self._above], strict=True)))
 
     def joined(self, twin: TwinModel) -> list[tuple[Reduced, PartFit]]:
         """The groups as a twin has them, those that carry one another as one; none where one touches something."""
@@ -276,8 +280,8 @@ class SharedSearch:
         twin = self._twin.changed(cause.terms(self._twin, found.values))
         reduction = self._reduction.following(twin)
         cut = [reduction.together(twin, [reduced]) for reduced, _ in self._above]
-        looked_at = concurrently(look, [reduced for reduced in cut if reduced is not None])
-        there = SharedSearch(twin, reduction, looked_at)
+        begun_there = concurrently(at_nominal, [reduced for reduced in cut if reduced is not None])
+        there = SharedSearch(twin, reduction, begun_there)
         return (*there.fitted(there.at(cause, found.values), limit), there)
 
     def best(
