@@ -6,12 +6,13 @@ import { made, put } from "./dom";
 import { begin } from "./jobs";
 import { lines } from "./sketch";
 import { on, select, selection } from "./state";
+import * as trial from "./trial";
 
 const choice = made("select", { id: "effect" }), place = made("select", { id: "place" }), add = needsAuthorization(made("button", { type: "button", id: "add", className: "primary" }, "Add and refit"));
 const picture = made("div", { id: "effect-picture" }), text = made("p", { id: "effect-text" }), words = made("p", { id: "effect-words", className: "soft" }), chart = made("div", { id: "effect-figure" });
 const gallery = made("div", { id: "gallery", className: "gallery" });
 export const panel = made("div", { className: "panel effects" },
-  made("p", { className: "controls" }, made("label", {}, "Effect ", choice), made("label", {}, " at ", place), add), picture, text, words, chart,
+  made("p", { className: "controls" }, made("label", {}, "Effect ", choice), made("label", {}, " at ", place), add), trial.box, picture, text, words, chart,
   made("h3", {}, "All effects"), gallery);
 let pictured = "";
 
@@ -22,7 +23,10 @@ function explain(): void {
   put(text, `${one.title} (acts on: ${one.acts_on}). ${one.story.what} ${one.story.shows} Likely cause: ${one.story.cause} What to do: ${one.story.remedy}`);
   for (const card of gallery.children) card.setAttribute("aria-pressed", String((card as HTMLElement).dataset.key === one.key));
   attempt(sketched);
+  byHand();
 }
+
+const byHand = () => { if (panel.offsetParent !== null && choice.value) attempt(() => trial.choose(choice.value, place.value)); };
 
 // The twin with and without the effect, under the same commands; computed only while somebody looks.
 async function sketched(): Promise<void> {
@@ -59,12 +63,15 @@ function fill(): void {
 
 export function start(): void {
   choice.addEventListener("change", explain);
-  place.addEventListener("change", () => { attempt(sketched); });
+  place.addEventListener("change", () => { attempt(sketched); byHand(); });
   works(add, async () => {
     await begin("add", { effect: choice.value, joint: place.value });
     select({ step: "add" });
   });
+  trial.start();
   hear(["effects"], fill);
+  hear(["opened"], byHand);
+  on(["version"], byHand);
   on(["joint"], () => { if (known.places.includes(selection.joint) && panel.offsetParent === null) { place.value = selection.joint; explain(); } });
-  new ResizeObserver(() => { attempt(sketched); }).observe(panel);
+  new ResizeObserver(() => { attempt(sketched); byHand(); }).observe(panel);
 }

@@ -5,6 +5,7 @@ import { hear, known, mark, onsetPart, recording, shown, versionTitle } from "./
 import { icon, made, put } from "./dom";
 import { SHOWN_S, kept } from "./live";
 import { live, on, onTheme, select, selection } from "./state";
+import * as trial from "./trial";
 import download from "lucide-static/icons/download.svg?raw";
 import pin from "lucide-static/icons/pin-off.svg?raw";
 
@@ -29,7 +30,7 @@ const moves = {
 };
 const joints = () => [...new Set([selection.joint, ...selection.pinned])].filter((name) => facts.joints.includes(name) || curves[name]).slice(0, MOST);
 const brief = (title: string) => (title.length > 32 ? `${title.slice(0, 31)}…` : title);
-const lines = (): Line[] => (live() ? [{ id: "live", label: "predicted" }] : shown().map((id) => ({ id, label: `predicted by ${brief(versionTitle(id))}` })));
+const lines = (): Line[] => (live() ? [{ id: "live", label: "predicted" }] : shown().map((id) => ({ id, label: `predicted by ${brief(versionTitle(id))}` })).concat(trial.line() ?? []));
 
 function save(name: string, href: string): void {
   made("a", { href, download: name }).click();
@@ -88,7 +89,7 @@ function paint(fresh = false): void {
   const now = lines();
   for (const [name, chart] of charts) {
     const curve = live() ? liveCurve(name) : curves[name];
-    if (curve) chart.show(curve, now, fresh);
+    if (curve) chart.show(trial.onto(curve, name), now, fresh);
   }
   mark("range", moves.range().join(" "));
 }
@@ -123,6 +124,7 @@ export function start(): void {
   hear(["opened"], () => { curves = {}; anew(); });
   on(["joint", "pinned", "version", "others", "lag", "source"], anew);
   hear(["versions"], () => paint());
+  addEventListener("trial", () => paint());
   on(["range"], () => { paint(); fetched().catch(failed); });
   on(["at"], cursor);
   onTheme(() => paint(true));

@@ -102,6 +102,33 @@ def test_what_a_version_says_of_the_error_lies_on_the_points(workbench: Any, loo
         assert np.median([value for value in curve if value is not None]) == pytest.approx(np.median(points), abs=3.0)
 
 
+def test_an_effect_by_hand_moves_its_finger_as_the_values_say(served: Workbench) -> None:
+    base = f"recording={recording(served)}&version=nominal&effect=backlash&place=rh_FFJ3"
+    sliders = {one["name"]: one for one in served.ask(f"/api/trial/values?{base}")[1]["parameters"]}
+    gap = sliders["gap"]
+    assert gap["unit"] == "rad"
+    assert gap["lower"] <= gap["neutral"] < gap["value"] < gap["upper"]
+    query = f"/api/trial?{base}&joint=rh_FFJ3&from=0.5&to=5"
+    found = asked(served, f"{query}&value=gap:{GAP_RAD}&value=motor_share:0.2")
+    nothing = asked(served, f"{query}&value=gap:0")
+    assert found["rmse_rad"] < 0.2 * found["without_rmse_rad"], "the planted values leave little of the error"
+    assert nothing["rmse_rad"] == pytest.approx(nothing["without_rmse_rad"], rel=0.05)
+    assert found["t"][0] >= 0.5
+    assert found["t"][-1] <= 5.0
+    assert set(found["curves"]) >= {"rh_FFJ3", "rh_FFJ2"}
+    for right, wrong in (
+        ("effect=backlash", "effect=backlush"),
+        ("place=rh_FFJ3", "place=rh_MFJ3"),  # another finger
+        ("place=rh_FFJ3", "place=rh_FFJ2"),  # moved by a tendon of its own name
+        ("joint=rh_FFJ3", "joint=nobody"),
+        ("&value=gap:0", "&value=gap:9"),
+        ("&value=gap:0", "&value=gap:nan"),
+        ("&value=gap:0", "&value=gap"),
+        ("to=5", "to=0.5"),
+    ):
+        assert served.ask(f"{query}&value=gap:0".replace(right, wrong))[0] == 400, wrong
+
+
 def test_the_bodies_of_a_moment_are_both_hands(served: Workbench) -> None:
     scene = served.ask("/api/scene?version=nominal")[1]
     asked(served, f"/api/overview?recording={recording(served)}&version=nominal")

@@ -84,6 +84,7 @@ def command(
     from twin_daemon.web.scene import Scene
     from twin_daemon.web.server import listen, serve
     from twin_daemon.web.space import Space
+    from twin_daemon.web.trial import Trial
     from twin_daemon.web.uploads import Uploads
 
     logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(levelname)s %(message)s")
@@ -106,7 +107,8 @@ def command(
     learn = Learn(library, cache, jobs, options_of_data)
     hands = Hands(chosen.description, Scene(cache.nominal), where, fleet=fleet)
     uploads = Uploads(library.folders[0], library, cache, most_upload)
-    views = (compare, learn, History(cache.store), Dependence(library, cache, jobs), Space(library, cache), uploads)
+    panels = (Dependence(library, cache, jobs), Space(library, cache), Trial(library, cache))
+    views = (compare, learn, History(cache.store), *panels, uploads)
     routes = [route for view in views for route in view.routes]
     app = build(chosen, hands, token, hosts, routes, [jobs.close, cache.close, uploads.close], local=local)
     name_shown = socket.gethostname() if bind in ("0.0.0.0", "::") else shown

@@ -217,19 +217,19 @@ def excerpts(recordings: Sequence[Aligned]) -> list[Aligned]:
             continue
         count = int(MOST_EXCERPT_S // STRETCH_S)
         begins = np.linspace(0.0, recording.time_s[-1] - STRETCH_S, count)
-        cut = (_stretch(recording, begin) for begin in begins)
+        cut = (stretch(recording, begin, STRETCH_S) for begin in begins)
         out.extend(part for part in cut if part is not None)
     return out
 
 
-def _stretch(recording: Aligned, begin_s: float) -> Aligned | None:
-    """The stretch from the first sample after `begin_s` that knows every moving joint; None where none does."""
+def stretch(recording: Aligned, begin_s: float, seconds: float) -> Aligned | None:
+    """So many seconds from the first sample after `begin_s` that knows every moving joint; None where none does."""
     usable = np.isfinite(recording.states[:, recording.moving]).all(axis=1) & (recording.time_s >= begin_s)
     if not usable.any():
         return None
     first = int(np.argmax(usable))
     origin = float(recording.time_s[first])
-    window = (recording.time_s >= origin) & (recording.time_s <= origin + STRETCH_S)
+    window = (recording.time_s >= origin) & (recording.time_s <= origin + seconds)
     if window.sum() < 2:
         return None
     pose = recording.states[first]

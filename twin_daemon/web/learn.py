@@ -74,7 +74,8 @@ class Learn:
         effect, place = str(body.get("effect", "")), self._place(body.get("joint"))
         if effect not in LIBRARY:
             raise BadInput(f"no effect '{effect:.60}'", todo=nearest(effect, list(LIBRARY)))
-        taken = self._found(about, effect, place)
+        values = body.get("values")
+        taken = self._found(about, effect, place) if values is None else _settings(effect, values)
         return self._begun(
             "add", [effect, "--joint", place, *taken, *arguments], about | {"effect": effect, "joint": place}
         )
@@ -212,3 +213,11 @@ class Learn:
             "why": proposed["why"],
             "path": proposed["path"],
         }
+
+
+def _settings(effect: str, values: object) -> list[str]:
+    """The options that keep values as somebody has set them. Raises BadInput for what the effect does not take."""
+    if not isinstance(values, dict) or not all(type(value) in (int, float) for value in values.values()):
+        raise BadInput("the values of the effect are no numbers by name")
+    found = LIBRARY[effect].complete({str(name): float(value) for name, value in values.items()})
+    return ["--set", *(f"{name}={value!r}" for name, value in found.items())]
