@@ -2,12 +2,14 @@
 import uPlot from "uplot";
 import { made, put, short } from "./dom";
 import { colour } from "./state";
+import { sheet, type Stroke } from "./vector";
 
-export interface Curve { t: number[]; measured: (number | null)[]; command?: (number | null)[]; twins: Record<string, (number | null)[]> }
-export interface Line { id: string; label: string }
-export interface Moves { zoom(range: [number, number] | null): void; at(time: number): void; full(): [number, number]; range(): [number, number]; now(): number | null }
+export interface Curve { unit?: string; t: number[]; measured: (number | null)[]; command?: (number | null)[]; twins: Record<string, (number | null)[]> }
+export interface Line { id: string; label: string; look?: string }
+export interface Moves { zoom(range: [number, number] | null): void; at(time: number): void; full(): [number, number]; range(): [number, number]; now(): number | null; other(): number | null; mark(time: number): void }
 
-const COLOURS = ["twin", "better", "third", "fourth"], DASHES = [[], [8, 4], [3, 3], [10, 3, 2, 3]];
+export const COLOURS = ["twin", "better", "third", "fourth", "soft", "command"], DASHES = [[], [8, 4], [3, 3], [10, 3, 2, 3], [2, 2], [12, 4]];
+const TIME = "time since the first sample (s)";
 const SYNC = uPlot.sync("time");
 
 export class Chart {
@@ -17,6 +19,8 @@ export class Chart {
   private plots: uPlot[] = [];
   private told: { item: HTMLElement; value: HTMLElement }[] = [];
   private lines: string[] = [];
+  private strokes: Stroke[][] = [[], []];
+  private unit = "rad";
   private heights: ([number, number] | null)[] = [null, null];
   private data: Curve = { t: [], measured: [], twins: {} };
 
@@ -31,12 +35,14 @@ export class Chart {
   // `fresh` draws new axes and colours.
   show(curve: Curve, lines: Line[], fresh = false): void {
     this.data = curve;
-    const wanted = lines.map((one) => one.label);
+    const wanted = lines.map((one) => one.label), unit = curve.unit ?? "rad";
+    if (unit !== this.unit) { this.heights = [null, null]; fresh = true; }
+    this.unit = unit;
     if (fresh || !this.plots.length || wanted.join("\n") !== this.lines.join("\n")) {
       this.lines = wanted;
       this.close();
       this.plots = [this.made(0, lines), this.made(1, lines)];
-      this.told = [["measured", "ink"], ["command", "command"], ...lines.map((one, index) => [one.label, COLOURS[index]])].map(([name, look]) => {
+      this.told = [["measured", "ink"], ["command", "command"], ...lines.map((one, index) => [one.label, one.look ?? COLOURS[index]])].map(([name, look]) => {
         const value = made("span", { className: "value" });
         return { item: made("li", {}, made("i", { className: `line ${look}` }), `${name} `, value), value };
       });
@@ -57,7 +63,8 @@ export class Chart {
 
   csv(): string {
     const [angle, residual] = this.plots;
-    const heads = ["time_s", "command_rad", "measured_rad", ...this.lines.map((name) => `predicted_rad ${name}`), ...this.lines.map((name) => `residual_mrad ${name}`)];
+    const unit = this.unit.replaceAll(/[ /]/g, "_");
+    const heads = ["time_s", `command_${unit}`, `measured_${unit}`, ...this.lines.map((name) => `${unit} ${name}`), ...this.lines.map((name) => `residual_m${unit} ${name}`)];
     const columns = [...angle.data, ...residual.data.slice(1)] as (number | null)[][];
     const quoted = heads.map((one) => `"${one.replaceAll('"', '""')}"`);
     return [quoted.join(","), ...this.data.t.map((_, at) => columns.map((column) => column[at] ?? "").join(","))].join("\n");
@@ -73,6 +80,21 @@ export class Chart {
     pen.drawImage(angle, 0, 0);
     pen.drawImage(residual, 0, angle.height);
     return both.toDataURL("image/png");
+  }
+
+  svg(): string {
+    const [angle, residual] = this.plots;
+    return sheet(short(this.joint), [{ plot: angle, strokes: this.strokes[0], up: this.unit }, { plot: residual, strokes: this.strokes[1], up: `residual, m${this.unit}` }], TIME);
+  }
+
+  // The measured value and the first residual nearest to a time, for the two cursors.
+  near(time: number): { measured: number | null; residual: number | null } {
+    const { t, measured } = this.data;
+    if (!t.length) return { measured: null, residual: null };
+    let place = t.findIndex((one) => one >= time);
+    if (place < 0) place = t.length - 1;
+    if (place > 0 && time - t[place - 1] < t[place] - time) place -= 1;
+    return { measured: measured[place], residual: (this.plots[1]?.data[1] as (number | null)[] | undefined)?.[place] ?? null };
   }
 
   private fit(): void {
@@ -91,8 +113,10 @@ export class Chart {
       series.push({ label: "measured", stroke: colour("ink"), width: 1.8 });
     }
     lines.forEach((one, index) => series.push({
-      label: one.label, stroke: colour(COLOURS[index]), dash: DASHES[index], width: 1.6,
+      label: one.label, stroke: colour(one.look ?? COLOURS[index]), dash: DASHES[index], width: 1.6,
     }));
+    const own = lines.map((one, index) => ({ label: one.label, look: one.look ?? COLOURS[index], dash: DASHES[index], width: 1.6 }));
+    this.strokes[place] = place ? own : [{ label: "command", look: "command", dash: [4, 4], width: 1.4 }, { label: "measured", look: "ink", dash: [], width: 1.8 }, ...own];
     const holder = this.holders[place], { moves } = this;
     const plot = new uPlot({
       width: Math.max(holder.clientWidth, 50), height: Math.max(holder.clientHeight, 50), padding: [6, 8, 0, 0],
@@ -103,14 +127,14 @@ export class Chart {
         y: { range: (_, low, high) => this.heights[place] ?? padded(low, high, place) },
       },
       axes: [
-        { ...axis, size: place ? 40 : 8, values: place ? undefined : (_, ticks) => ticks.map(() => ""), label: place ? "time since the first sample (s)" : undefined, labelSize: 16, labelFont: font },
-        { ...axis, size: 52, label: place ? "mrad" : "rad", labelSize: 16, labelFont: font },
+        { ...axis, size: place ? 40 : 8, values: place ? undefined : (_, ticks) => ticks.map(() => ""), label: place ? TIME : undefined, labelSize: 16, labelFont: font },
+        { ...axis, size: 52, label: place ? `m${this.unit}` : this.unit, labelSize: 16, labelFont: font },
       ],
       series,
       hooks: {
         setSelect: [(u) => this.boxed(u, place)],
         setCursor: [(u) => { if (place === 0) this.tell(u.cursor.idx); }],
-        draw: [(u) => mark(u, moves.now())],
+        draw: [(u) => { mark(u, moves.now()); mark(u, moves.other(), [5, 4]); }],
       },
     }, [[], ...series.slice(1).map(() => [])] as unknown as uPlot.AlignedData, holder);
     this.wire(plot, place);
@@ -123,7 +147,7 @@ export class Chart {
     const [, command, measured, ...twins] = this.plots[0]?.data ?? [];
     [measured, command, ...twins].forEach((values, place) => {
       const value = at === null || at === undefined ? null : values?.[at];
-      if (this.told[place]) put(this.told[place].value, value === null || value === undefined ? "" : `${value.toFixed(4)} rad`);
+      if (this.told[place]) put(this.told[place].value, value === null || value === undefined ? "" : `${value.toFixed(4)} ${this.unit}`);
     });
   }
 
@@ -166,7 +190,7 @@ export class Chart {
       addEventListener("mouseup", end);
     }, { capture: true });
     over.addEventListener("click", (event) => {
-      if (Math.abs(event.clientX - down) < 4 && !event.shiftKey) moves.at(plot.posToVal(event.offsetX, "x"));
+      if (Math.abs(event.clientX - down) < 4 && !event.shiftKey) moves[event.altKey ? "mark" : "at"](plot.posToVal(event.offsetX, "x"));
     });
   }
 }
@@ -187,14 +211,14 @@ function padded(low: number | null, high: number | null, place: number): [number
   return [-far, far];
 }
 
-function mark(plot: uPlot, at: number | null): void {
+function mark(plot: uPlot, at: number | null, dash: number[] = []): void {
   if (at === null) return;
   const x = plot.valToPos(at, "x", true), { left, top, width, height } = plot.bbox;
   if (x < left || x > left + width) return;
   plot.ctx.save();
   plot.ctx.strokeStyle = colour("accent");
   plot.ctx.lineWidth = 2;
-  plot.ctx.setLineDash([]);
+  plot.ctx.setLineDash(dash.map((one) => one * devicePixelRatio));
   plot.ctx.beginPath();
   plot.ctx.moveTo(x, top);
   plot.ctx.lineTo(x, top + height);

@@ -6,10 +6,12 @@ export interface Recording { id: string; name: string; folder: string; bytes: nu
 export interface Version {
   id: string; kind: string; title: string | null; created: string | null; parent: string | null; effects: string[]; names: string[];
   depth: number; shipped: boolean; worse: string | null; fitted_on: string[];
+  note: string; notes: { at: string; text: string }[];
   errors: Record<"before" | "after" | "holdout_before" | "holdout_after", number | null>;
 }
+export interface Decision { at: string; what: string; version: string | null; name: string | null; text: string | null; by?: string | null }
 export interface Opened {
-  name: string; samples: number; seconds: number; rate_hz: number; commands_recorded: boolean; notes: string[];
+  name: string; begin_s: number; samples: number; seconds: number; rate_hz: number; commands_recorded: boolean; notes: string[];
   joints: { name: string; moves: boolean }[];
 }
 export interface JointError { mse_rad2: number; rmse_rad: number; max_abs_rad: number; bias_rad: number; lag_s: number | null; noise_rad2: number }
@@ -26,7 +28,7 @@ export interface Story { what: string; shows: string; cause: string; remedy: str
 export interface Effect { key: string; title: string; acts_on: string; story: Story }
 
 export const known = {
-  recordings: [] as Recording[], versions: [] as Version[], aliases: {} as Record<string, string>, problems: [] as string[], parameters: [] as string[],
+  recordings: [] as Recording[], versions: [] as Version[], aliases: {} as Record<string, string>, problems: [] as string[], parameters: [] as string[], decisions: [] as Decision[],
   effects: [] as Effect[], places: [] as string[],
   opened: null as Opened | null, opening: "", errors: new Map<string, Errors>(), overview: null as Overview | null,
 };
@@ -48,7 +50,7 @@ export const versionTitle = (id: string): string => {
   return (one.title || one.kind).slice(0, 60);
 };
 export const shown = () => [...new Set([selection.version, ...selection.others])].filter(Boolean).slice(0, 3);
-const onset = (): Record<string, string> => (selection.onset ? { onset_s: selection.onset } : {});
+const onset = (): Record<string, string> => ({ ...(selection.onset ? { onset_s: selection.onset } : {}), ...(Number(selection.lag) ? { lag_ms: selection.lag } : {}) });
 export const about = (more: Record<string, string | number> = {}, id = selection.version) => {
   const parts: Record<string, string> = { recording: selection.source, version: id, ...onset() };
   for (const [name, value] of Object.entries(more)) parts[name] = String(value);
@@ -63,7 +65,7 @@ export async function refreshRecordings(): Promise<void> {
 
 export async function refreshVersions(): Promise<void> {
   const found = await read("/api/versions");
-  Object.assign(known, { versions: found.versions, aliases: found.aliases, problems: found.problems, parameters: found.parameters });
+  Object.assign(known, { versions: found.versions, aliases: found.aliases, problems: found.problems, parameters: found.parameters, decisions: found.decisions });
   const there = (id: string) => known.versions.some((one) => one.id === id);
   select({ version: there(selection.version) ? selection.version : known.aliases.current, others: selection.others.filter(there) });
   tell("versions");
@@ -133,9 +135,9 @@ export const errorsOf = (source: string, id: string, wanted: () => boolean = () 
   asked<Errors>(`/api/errors?${new URLSearchParams({ recording: source, version: id })}`, wanted);
 
 export function start(): Promise<unknown> {
-  on(["source"], () => select({ onset: "", at: null, range: null, pinned: [] }));
+  on(["source"], () => select({ onset: "", at: null, mark: null, lag: "0", range: null, pinned: [], beside: "", offset: "0" }));
   on(["source", "onset"], () => { attempt(open); });
-  on(["version", "others"], () => { if (known.opened) attempt(() => judge(mine())); });
+  on(["version", "others", "lag"], () => { if (known.opened) attempt(() => judge(mine())); });
   addEventListener("recordings-changed", () => { refreshRecordings().catch(failed); });
   addEventListener("versions-changed", () => { refreshVersions().catch(failed); });
   if (!facts.own) return Promise.resolve();

@@ -6,6 +6,7 @@ import { about, hear, known, mark } from "./data";
 import { made, milli, put, short } from "./dom";
 import { inSpace, kept, now, residual } from "./live";
 import { valueAt } from "./moments";
+import * as overlays from "./overlays";
 import { geometries, type Described } from "./shapes";
 import { colour, live, on, onTheme, select, selection } from "./state";
 
@@ -19,7 +20,7 @@ const holder = made("div", { className: "space" }, canvas);
 const key = made("ul", { className: "key", "aria-label": "Key" },
   made("li", {}, made("i", { className: "solid" }), "measured"), made("li", {}, made("i", { className: "ghost" }), "predicted"),
   made("li", {}, made("i", { className: "worst" }), "large residual"));
-export const panel = made("div", { className: "panel hand" }, key, holder, words);
+export const panel = made("div", { className: "panel hand" }, key, overlays.controls, holder, words);
 
 interface Stage {
   renderer: three.WebGLRenderer; scene: three.Scene; camera: three.PerspectiveCamera; controls: CameraControls; hands: three.Group[][];
@@ -84,6 +85,7 @@ function populate(on_: Stage, described: Described, version: string): void {
     on_.scene.add(...bodies);
     return bodies;
   });
+  overlays.place(on_.scene, on_.hands, described, () => { on_.wanted = true; });
   paint();
   follow();
 }
@@ -127,6 +129,7 @@ function pose(both: ArrayLike<number>[]): void {
       group.quaternion.set(values[at + 4], values[at + 5], values[at + 6], values[at + 3]);
     });
   });
+  overlays.moved(selection.at);
   stage.wanted = true;
   if (!stage.placed) { stage.placed = true; frame(false); }
 }
@@ -154,6 +157,7 @@ function fit(): void {
 }
 
 let before = 0, drawnAt = 0, slow = 0;
+const counted: number[] = [];
 function tick(at: number): void {
   requestAnimationFrame(tick);
   if (!stage || holder.offsetParent === null) return;
@@ -168,6 +172,9 @@ function tick(at: number): void {
   stage.renderer.render(stage.scene, stage.camera);
   frames += 1;
   mark("spaceFrames", String(frames));
+  counted.push(at);
+  while (counted[0] < at - 1000) counted.shift();
+  mark("spaceRate", String(counted.length)); // frames in the last second
   mark("turned", stage.controls.azimuthAngle.toFixed(3));
 }
 
@@ -176,7 +183,7 @@ function tick(at: number): void {
 const chunks = new Map<string, Promise<{ values: Float32Array; bodies: number; predicted: boolean }>>();
 
 function chunk(number: number, version: string): Promise<{ values: Float32Array; bodies: number; predicted: boolean }> {
-  const name = `${selection.source} ${version} ${selection.onset} ${number}`, found = chunks.get(name);
+  const name = `${selection.source} ${version} ${selection.onset} ${selection.lag} ${number}`, found = chunks.get(name);
   if (found) return found;
   const from = number * CHUNK_S;
   const asked = bytes(`/api/poses?${about({ from, to: from + CHUNK_S - 1 / RATE, frames: CHUNK_S * RATE }, version)}`).then(async (answer) => {
@@ -192,7 +199,7 @@ function chunk(number: number, version: string): Promise<{ values: Float32Array;
 
 function follow(): void {
   const open = panel.isConnected && holder.offsetParent !== null;
-  inSpace(open && live() && facts.scene);
+  inSpace(open && live() && facts.scene ? (overlays.wantsContacts() ? "contacts" : "poses") : "");
   if (!open) return;
   build().catch(failed);
   if (!stage || live() || !known.opened) return;
@@ -219,6 +226,7 @@ function picked(event: PointerEvent): void {
 
 export function start(): void {
   panel.dataset.ready = "yes";
+  overlays.start(follow);
   let down: [number, number] = [0, 0];
   canvas.addEventListener("pointerdown", (event) => { down = [event.clientX, event.clientY]; });
   canvas.addEventListener("pointerup", (event) => { if (Math.hypot(event.clientX - down[0], event.clientY - down[1]) < 4) picked(event); });
@@ -231,13 +239,14 @@ export function start(): void {
     event.preventDefault();
   });
   new ResizeObserver(follow).observe(holder);
-  on(["at", "source", "version", "onset"], follow);
-  on(["joint"], paint);
+  on(["at", "source", "version", "onset", "lag", "range"], follow);
+  on(["joint"], () => { paint(); if (!live()) follow(); });
   hear(["opened", "overview"], () => { chunks.clear(); follow(); });
   onTheme(paint);
   addEventListener("samples", () => {
     if (!live() || !now.poses || !stage || holder.offsetParent === null) return;
     residuals = facts.joints.map((_, joint) => residual(joint, kept.t.length - 1));
+    overlays.heard(now.contacts);
     pose(now.poses);
     paint();
   });

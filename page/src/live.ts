@@ -13,14 +13,14 @@ export interface About {
 type Row = (number | null)[];
 export const kept = { t: [] as number[], measured: facts.joints.map((): Row => []), predicted: facts.joints.map((): Row => []) };
 export const now = {
-  about: null as About | null, rms: facts.joints.map(() => null) as Row, fleet: [] as any[], poses: null as number[][] | null, lost: false,
+  about: null as About | null, rms: facts.joints.map(() => null) as Row, fleet: [] as any[], poses: null as number[][] | null, contacts: null as { measured: number[][]; predicted: number[][] } | null, lost: false,
 };
 
-let socket: WebSocket | null = null, failures = 0, space = false;
+let socket: WebSocket | null = null, failures = 0, space: "" | "poses" | "contacts" = "";
 
 function connect(): void {
   const hand = encodeURIComponent(facts.namespace);
-  const asked = space, mine = new WebSocket(`ws://${location.host}/live?hand=${hand}${space ? "&space=1" : ""}`);
+  const asked = space, mine = new WebSocket(`ws://${location.host}/live?hand=${hand}${space ? "&space=1" : ""}${space === "contacts" ? "&contacts=1" : ""}`);
   socket = mine;
   mine.onmessage = (event) => { failures = 0; now.lost = false; take(JSON.parse(event.data)); };
   mine.onopen = () => { if (asked !== space) again(mine); };
@@ -41,7 +41,7 @@ function take(frame: any): void {
     frame.predicted.forEach((values: Row, joint: number) => kept.predicted[joint].push(...values));
     const old = kept.t.findIndex((time) => time > kept.t[kept.t.length - 1] - SHOWN_S);
     if (old > 0) for (const list of lists) list.splice(0, old);
-    if (frame.hands) now.poses = frame.hands;
+    if (frame.hands) { now.poses = frame.hands; now.contacts = frame.contacts ?? null; }
     mark("points", String(kept.t.length));
     mark("spans", String((kept.t[kept.t.length - 1] ?? 0) - (kept.t[0] ?? 0)));
     dispatchEvent(new Event("samples"));
@@ -55,7 +55,7 @@ function take(frame: any): void {
 }
 
 // The stream carries the poses of both hands only while somebody looks at them.
-export function inSpace(wanted: boolean): void {
+export function inSpace(wanted: typeof space): void {
   if (wanted === space) return;
   space = wanted;
   if (!socket) return; // it will be asked for at the first connection

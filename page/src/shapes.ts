@@ -3,7 +3,8 @@ import * as three from "three";
 import { mergeGeometries } from "three/addons/utils/BufferGeometryUtils.js";
 
 export interface Geom { body: number; shape: string; size: number[]; position: number[]; quaternion: number[]; rgba: number[]; mesh?: number }
-export interface Described { bodies: number; joints: number[][]; geoms: Geom[]; meshes: Record<string, { points: string; faces: string }> }
+export type Point = [body: number, x: number, y: number, z: number]; // m, in the frame of a body
+export interface Described { bodies: number; joints: number[][]; geoms: Geom[]; tendons: { name: string; points: Point[] }[]; tips: Record<string, Point>; meshes: Record<string, { points: string; faces: string }> }
 
 // One geometry for each body that has any: what does not move against each other is drawn in one go.
 export function geometries(described: Described): (three.BufferGeometry | null)[] {

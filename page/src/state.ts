@@ -11,14 +11,23 @@ export interface Selection {
   step: string;
   onset: string;
   lag: string; // ms
+  mark: number | null; // s: the second cursor
+  quantity: string; // what is drawn of a joint: position, velocity, effort
+  derivative: string; // "1": its derivative
+  lowpass: string; // Hz
+  view: string; // over time, or the spectrum
+  beside: string; // "live" or a recording whose measurement is drawn as well
+  offset: string; // s by which that is moved
 }
 
 export const STEPS = ["data", "check", "compare", "diagnose", "add", "validate", "promote"] as const;
 const SHORT: Record<keyof Selection, string> = {
-  source: "s", holdout: "h", version: "v", others: "o", joint: "j", pinned: "p", at: "t", range: "r", step: "step", onset: "onset", lag: "lag",
+  source: "s", holdout: "h", version: "v", others: "o", joint: "j", pinned: "p", at: "t", range: "r", step: "step", onset: "onset", lag: "lag", mark: "m",
+  quantity: "q", derivative: "d", lowpass: "f", view: "w", beside: "b", offset: "bo",
 };
 const START: Selection = {
-  source: "live", holdout: "", version: "", others: [], joint: "", pinned: [], at: null, range: null, step: "data", onset: "", lag: "0",
+  source: "live", holdout: "", version: "", others: [], joint: "", pinned: [], at: null, range: null, step: "data", onset: "", lag: "0", mark: null,
+  quantity: "position", derivative: "", lowpass: "", view: "time", beside: "", offset: "0",
 };
 
 export const selection: Selection = { ...START, ...fromAddress() };
@@ -65,7 +74,7 @@ function fromAddress(): Partial<Selection> {
     const text = parts.get(name);
     if (text === null) continue;
     if (key === "others" || key === "pinned") found[key] = text.split(",").filter(Boolean);
-    else if (key === "at") found[key] = Number.isFinite(Number(text)) ? Number(text) : null;
+    else if (key === "at" || key === "mark") found[key] = Number.isFinite(Number(text)) ? Number(text) : null;
     else if (key === "range") {
       const ends = text.split(",").map(Number);
       if (ends.length === 2 && ends.every(Number.isFinite) && ends[1] > ends[0]) found[key] = ends;

@@ -1,8 +1,8 @@
 // One timeline for everything: the residual over time, the part on the screen, the moment, and marks worth a look.
 import { hear, known, moment } from "./data";
 import { icon, made, put, short } from "./dom";
-import { SHOWN_S, kept, residual } from "./live";
-import { facts } from "./api";
+import { SHOWN_S, kept, now, residual } from "./live";
+import { facts, failed, read } from "./api";
 import { colour, live, on, onTheme, select, selection } from "./state";
 import play from "lucide-static/icons/play.svg?raw";
 import pause from "lucide-static/icons/pause.svg?raw";
@@ -37,11 +37,11 @@ function draw(): void {
     pen.fillStyle = colour("accent");
     pen.fillRect((width * selection.at) / end() - 1, 0, 2.5, height);
   }
-  const now = selection.at ?? 0;
-  put(time, live() ? `last ${SHOWN_S} s` : end() ? `${now.toFixed(2)} / ${end().toFixed(2)} s` : "");
+  const moment_ = selection.at ?? 0;
+  put(time, live() ? `last ${SHOWN_S} s` : end() ? `${moment_.toFixed(2)} / ${end().toFixed(2)} s` : "");
   canvas.setAttribute("aria-valuemax", end().toFixed(2));
-  canvas.setAttribute("aria-valuenow", now.toFixed(2));
-  canvas.setAttribute("aria-valuetext", live() ? "live" : `${now.toFixed(2)} of ${end().toFixed(2)} seconds`);
+  canvas.setAttribute("aria-valuenow", moment_.toFixed(2));
+  canvas.setAttribute("aria-valuetext", live() ? "live" : `${moment_.toFixed(2)} of ${end().toFixed(2)} seconds`);
   button.disabled = live() || !end();
 }
 
@@ -50,15 +50,45 @@ function liveValues(): number[] {
   return joint < 0 ? [] : kept.t.map((_, at) => 1e3 * Math.abs(residual(joint, at) ?? 0));
 }
 
+interface Mark { time: number; kind: "worst" | "reversal" | "version" | "event"; words: string; act: () => void }
+let turns: { of: string; times: number[] } = { of: "", times: [] };
+
+// When a version was promoted or taken back, and what the daemon said: by the wall clock of the recording.
+function dated(): Mark[] {
+  const begin = known.opened?.begin_s ?? 0, go = (time: number) => () => select({ at: time });
+  const named = { promoted: "promoted", rolled_back: "rolled back" } as Record<string, string>;
+  const decided = known.decisions.filter((one) => named[one.what]).map((one): Mark => {
+    const time = Date.parse(one.at) / 1e3 - begin;
+    return { time, kind: "version", words: `${(one.version ?? "").slice(0, 12)} ${named[one.what]} at ${time.toFixed(2)} s${one.text ? `: ${one.text}` : ""}`, act: go(time) };
+  });
+  const said = (now.about?.events ?? []).map((one): Mark => {
+    const time = one.stamp_ns / 1e9 - begin;
+    return { time, kind: "event", words: `${one.kind.replaceAll("_", " ")} at ${time.toFixed(2)} s: ${one.text}`, act: go(time) };
+  });
+  return [...decided, ...said].filter((one) => one.time >= 0 && one.time <= end());
+}
+
 function showMarks(): void {
-  const worst = live() ? [] : known.overview?.worst ?? [];
-  marks.replaceChildren(...worst.map((one) => {
-    const words = `Worst of ${short(one.joint)}, ${one.condition}, at ${one.time_s.toFixed(2)} s`;
-    const found = made("button", { type: "button", className: "mark", title: words, "aria-label": words });
-    found.style.left = `${(100 * one.time_s) / end()}%`;
-    found.addEventListener("click", () => moment(one.joint, one.time_s));
-    return found;
+  const found: Mark[] = [];
+  if (!live() && end()) {
+    if (turns.of === turnsKey()) found.push(...turns.times.map((time): Mark => ({ time, kind: "reversal", words: `${short(selection.joint)} turns back at ${time.toFixed(2)} s`, act: () => moment(selection.joint, time) })));
+    found.push(...dated());
+    found.push(...(known.overview?.worst ?? []).map((one): Mark => ({ time: one.time_s, kind: "worst", words: `Worst of ${short(one.joint)}, ${one.condition}, at ${one.time_s.toFixed(2)} s`, act: () => moment(one.joint, one.time_s) })));
+  }
+  marks.replaceChildren(...found.map(({ time, kind, words, act }) => {
+    const button_ = made("button", { type: "button", className: `mark ${kind}`, title: words, "aria-label": words, tabIndex: kind === "reversal" ? -1 : 0 });
+    button_.style.left = `${(100 * time) / end()}%`;
+    button_.addEventListener("click", act);
+    return button_;
   }));
+}
+
+const turnsKey = () => `${selection.source} ${selection.joint}`;
+async function findTurns(): Promise<void> {
+  const key = turnsKey();
+  if (live() || !known.overview?.joints.some((one) => one.name === selection.joint) || turns.of === key) { showMarks(); return; }
+  const { times } = await read<{ times: number[] }>(`/api/reversals?${new URLSearchParams({ recording: selection.source, joint: selection.joint })}`);
+  if (key === turnsKey()) { turns = { of: key, times }; showMarks(); }
 }
 
 function toggle(to = !playing): void {
@@ -70,10 +100,10 @@ function toggle(to = !playing): void {
   requestAnimationFrame(step);
 }
 
-function step(now: number): void {
+function step(clock: number): void {
   if (!playing) return;
-  const at = (selection.at ?? 0) + (now - last) / 1e3;
-  last = now;
+  const at = (selection.at ?? 0) + (clock - last) / 1e3;
+  last = clock;
   if (at >= end()) { select({ at: end() }); toggle(false); return; }
   select({ at });
   requestAnimationFrame(step);
@@ -107,7 +137,9 @@ export function start(): void {
   new ResizeObserver(draw).observe(canvas);
   on(["at", "range", "source", "joint"], draw);
   on(["source"], () => toggle(false));
-  hear(["opened", "overview"], () => { draw(); showMarks(); });
+  hear(["opened", "overview"], () => { draw(); findTurns().catch(failed); });
+  hear(["versions"], showMarks);
+  on(["joint"], () => { findTurns().catch(failed); });
   onTheme(draw);
   let drawnAt = 0;
   addEventListener("samples", () => { if (live() && performance.now() - drawnAt > 100) { drawnAt = performance.now(); draw(); } });

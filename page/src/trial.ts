@@ -4,6 +4,7 @@ import type { Curve } from "./chart";
 import { about, hear, known, mark, recording } from "./data";
 import { made, milli, number, put } from "./dom";
 import { begin } from "./jobs";
+import { at } from "./moments";
 import { live, on, select, selection } from "./state";
 
 interface Value { name: string; unit: string; meaning: string; log: boolean; neutral: number; lower: number; upper: number; value: number }
@@ -18,19 +19,13 @@ let effect = "", place = "", values: Value[] = [], found: Predicted | null = nul
 const waits: number[] = [];
 
 const shownJoint = () => (facts.joints.includes(place) ? place : selection.joint);
-export const line = () => (found && !live() ? { id: "trial", label: `${effect.replaceAll("_", " ")} by hand` } : null);
+export const line = () => (found && !live() ? { id: "trial", label: `${effect.replaceAll("_", " ")} by hand`, look: "accent" } : null);
 
 // The finger's prediction at the times of a chart's curve; nothing where it was not predicted.
 export function onto(curve: Curve, joint: string): Curve {
   const own = found?.curves[joint];
-  if (!found || !own) return curve;
-  let at = 0;
-  const { t } = found, twins = { ...curve.twins, trial: curve.t.map((time) => {
-    if (!t.length || time < t[0] || time > t[t.length - 1]) return null;
-    while (at < t.length - 2 && t[at + 1] < time) at += 1;
-    const before = own[at], after = own[at + 1] ?? before;
-    return before === null || after === null ? null : before + ((after - before) * (time - t[at])) / (t[at + 1] - t[at] || 1);
-  }) };
+  if (!found || !own || (curve.unit ?? "rad") !== "rad" || selection.lowpass) return curve; // it is predicted as it is
+  const twins = { ...curve.twins, trial: at(curve.t, found.t, own) };
   return { ...curve, twins };
 }
 

@@ -102,6 +102,73 @@ def test_what_a_version_says_of_the_error_lies_on_the_points(workbench: Any, loo
         assert np.median([value for value in curve if value is not None]) == pytest.approx(np.median(points), abs=3.0)
 
 
+def test_curves_are_what_was_asked_for_of_a_joint(served: Workbench) -> None:
+    base = f"recording={recording(served)}&version=nominal&joint=rh_FFJ3&from=1&to=4"
+
+    def curves(more: str) -> tuple[str, dict[str, Any]]:
+        found = served.ask(f"/api/window?{base}{more}")[1]
+        return found["unit"], found["curves"]["rh_FFJ3"]
+
+    asked(served, f"/api/errors?recording={recording(served)}&version=nominal")
+    unit, position = curves("")
+    assert unit == "rad"
+    unit, speed = curves("&quantity=velocity&lowpass_hz=15")
+    assert unit == "rad/s"
+    slope = np.gradient(position["measured"], position["t"])
+    same = np.interp(position["t"], speed["t"], speed["measured"])
+    assert np.corrcoef(slope, same)[0, 1] > 0.98, "the same motion, without the noise of differences"
+    jump = np.abs(np.diff(speed["measured"])).mean()
+    assert jump < 0.7 * np.abs(np.diff(curves("&quantity=velocity")[1]["measured"])).mean()
+    assert curves("&derivative=1")[1]["measured"] == curves("&quantity=velocity")[1]["measured"]
+    unit, effort = curves("&quantity=effort")
+    assert unit == "N m"
+    assert 0.0 < max(map(abs, effort["twins"]["nominal"])) < 5.0
+    found = served.ask(f"/api/spectrum?{base}&to=4")[1]
+    slow = [value for f, value in zip(found["f"], found["measured"], strict=True) if f < 2.0]
+    fast = [value for f, value in zip(found["f"], found["measured"], strict=True) if f > 40.0]
+    assert min(slow) > 10.0 * max(fast)
+    for wrong in ("&quantity=colour", "&lowpass_hz=60", "&lowpass_hz=-1", "&lowpass_hz=x"):
+        assert served.ask(f"/api/window?{base}{wrong}")[0] == 400, wrong
+    assert served.ask(f"/api/spectrum?{base}".replace("to=4", "to=1.01"))[0] == 400
+
+
+def test_a_prediction_that_is_moved_is_moved_in_every_error(served: Workbench) -> None:
+    base = f"recording={recording(served)}&version=nominal"
+    told = asked(served, f"/api/errors?{base}")
+    late = asked(served, f"/api/errors?{base}&lag_ms=40")
+    assert late["mse_rad2"] != told["mse_rad2"]
+    lag_s = told["joints"]["rh_FFJ2"]["lag_s"]
+    assert late["joints"]["rh_FFJ2"]["lag_s"] == pytest.approx(lag_s - 0.04, abs=3e-3)
+    best_ms = asked(served, f"/api/align?{base}")["lag_ms"]
+    assert min(one["lag_s"] for one in told["joints"].values()) <= 1e-3 * best_ms + 1e-5
+    aligned = asked(served, f"/api/overview?{base}&lag_ms=40")
+    assert {one["name"]: one["rmse_rad"] for one in aligned["joints"]} == {
+        name: one["rmse_rad"] for name, one in late["joints"].items()
+    }
+
+
+def test_tips_contacts_and_reversals_are_those_of_the_motion(served: Workbench) -> None:
+    base = f"recording={recording(served)}&version=nominal"
+    scene = served.ask("/api/scene?version=nominal")[1]
+    assert {one["name"] for one in scene["tendons"]} >= {"rh_FFJ0", "rh_LFJ0"}
+    assert scene["tips"]["rh_FFJ3"] == scene["tips"]["rh_FFJ1"], "one finger has one tip"
+    asked(served, f"/api/errors?{base}")
+    path = asked(served, f"/api/path?{base}&joint=rh_FFJ3&from=1&to=3")
+    measured, predicted = np.array(path["measured"]), np.array(path["predicted"])
+    assert measured.shape == predicted.shape
+    assert np.ptp(measured, axis=0).max() > 0.02, "m: the finger bends"
+    assert 1e-4 < np.abs(measured - predicted).max() < 0.02
+    still = np.array(asked(served, f"/api/path?{base}&joint=rh_MFJ3&from=1&to=3")["measured"])
+    assert np.ptp(still, axis=0).max() < 5e-3
+    found = served.ask(f"/api/contacts?{base}&at=2")[1]
+    assert all(len(one) == 4 and abs(one[3]) < 0.01 for one in [*found["measured"], *found["predicted"]])
+    turns = served.ask(f"/api/reversals?recording={recording(served)}&joint=rh_FFJ3")[1]
+    assert turns["count"] == len(turns["times"]) >= 4
+    assert turns["times"] == sorted(turns["times"])
+    for path in (f"path?{base}&joint=nobody", f"reversals?{base}&joint=nobody", f"contacts?{base}&at=nan"):
+        assert served.ask(f"/api/{path}")[0] == 400, path
+
+
 def test_an_effect_by_hand_moves_its_finger_as_the_values_say(served: Workbench) -> None:
     base = f"recording={recording(served)}&version=nominal&effect=backlash&place=rh_FFJ3"
     sliders = {one["name"]: one for one in served.ask(f"/api/trial/values?{base}")[1]["parameters"]}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -54,6 +54,29 @@ def compare_recording(twin: TwinModel, aligned: Aligned, *, threads: int | None 
         aligned = aligned.with_onset(model_onset(twin, aligned, threads=threads))
     predicted = predict(twin, aligned, threads=threads)
     return Comparison(aligned, predicted, _joint_errors(aligned, predicted))
+
+
+def shifted(found: Comparison, lag_s: float) -> Comparison:
+    """The same comparison with what is predicted moved to later times."""
+    time_s = found.aligned.time_s
+    moved = [np.interp(time_s - lag_s, time_s, column) for column in found.predicted.T]
+    predicted = np.column_stack(moved)
+    return replace(found, predicted=predicted, joints=_joint_errors(found.aligned, predicted))
+
+
+def common_lag(found: Comparison) -> float | None:
+    """The shift of the prediction (s) that suits all moving joints best, each by how much it is off its own noise; None
+    where none tells one."""
+    lags = [
+        (one.lag_s, one.mse_rad2 / max(one.noise_rad2, 1e-12))
+        for one in found.joints.values()
+        if one.moves and one.lag_s is not None
+    ]
+    if not lags:
+        return None
+    lags.sort()
+    weight = np.cumsum([share for _, share in lags])
+    return float(lags[int(np.searchsorted(weight, 0.5 * weight[-1]))][0])
 
 
 def _joint_errors(aligned: Aligned, predicted: np.ndarray) -> dict[str, JointError]:

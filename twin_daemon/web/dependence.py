@@ -25,12 +25,13 @@ from twin_daemon.web.jobs import Jobs
 from twin_daemon.web.library import Library
 from twin_daemon.web.model_cache import ModelCache
 from twin_daemon.web.numbers import listed
-from twin_daemon.web.queries import onset
+from twin_daemon.web.queries import lag, onset
 
 _POINTS = 400  # of one direction
 _BINS = 24
 _FEWEST = 4  # samples in a bin of which a median can be told
 _MOST_CANDIDATES = 3
+_MOST_TURNS = 200
 
 
 @dataclass(frozen=True)
@@ -50,14 +51,14 @@ class Dependence:
 
     @property
     def routes(self) -> list[BaseRoute]:
-        return [reading("/api/dependence", self._answer)]
+        return [reading("/api/dependence", self._answer), reading("/api/reversals", self._reversals)]
 
     def _answer(self, request: Request) -> dict[str, Any]:
         query = request.query_params
         path, joint = self._library.path(query.get("recording", "")), query.get("joint", "")
         version = self._cache.version_id(query.get("version", "nominal"))
-        begins = onset(request)
-        found = self._cache.comparison(path, version, begins)
+        begins, lag_s = onset(request), lag(request)
+        found = self._cache.comparison(path, version, begins, lag_s=lag_s)
         if found is None:
             return {"pending": True}
         if joint not in found.joints or not found.joints[joint].moves:
@@ -68,12 +69,12 @@ class Dependence:
         others: dict[str, np.ndarray] = {}
         pending = False
         for name in query.getlist("against")[:_MOST_CANDIDATES]:
-            other = self._cache.comparison(path, self._cache.version_id(name), begins)
+            other = self._cache.comparison(path, self._cache.version_id(name), begins, lag_s=lag_s)
             pending |= other is None
             if other is not None:
                 others[name] = other.predicted[:, column]
         for one in self._candidates(query.get("recording", ""), version):
-            other = self._cache.comparison(path, version, begins, with_finding(self._cache.twin(version), one))
+            other = self._cache.comparison(path, version, begins, with_finding(self._cache.twin(version), one), lag_s)
             pending |= other is None
             if other is not None:
                 others[one.name] = other.predicted[:, column]
@@ -85,6 +86,17 @@ class Dependence:
             "joint": joint,
             "plots": [_plot(axis, way, residual, expected, known) for axis in axes],
         }
+
+    def _reversals(self, request: Request) -> dict[str, Any]:
+        """When a joint turned back (s); of many that many of the first."""
+        query = request.query_params
+        aligned = self._cache.recording(self._library.path(query.get("recording", "")))
+        joint = query.get("joint", "")
+        if joint not in aligned.joints:
+            raise BadInput(f"no joint '{joint:.60}'", allowed=", ".join(aligned.joints))
+        position = aligned.measured[:, aligned.joints.index(joint)]
+        turns = reversals(aligned.time_s, directions(smooth_speed(aligned.time_s, position)))
+        return {"count": len(turns), "times": listed(turns[:_MOST_TURNS], 4)}
 
     def _candidates(self, recording: str, version: str) -> list[Finding]:
         job = self._jobs.latest("diagnose")
@@ -100,8 +112,7 @@ def quantities(twin: TwinModel, found: Comparison, column: int) -> tuple[list[Ax
     time_s, position = found.aligned.time_s, found.aligned.measured[:, column]
     speed = smooth_speed(time_s, position)
     way = directions(speed)
-    moving = np.flatnonzero(way != 0)
-    turns = time_s[moving[1:][np.diff(way[moving]) != 0]]
+    turns = reversals(time_s, way)
     latest = np.searchsorted(turns, time_s, side="right") - 1
     since = np.where(latest >= 0, time_s - turns[np.maximum(latest, 0)], np.nan) if turns.size else time_s * np.nan
     axes = [Axis("position", "rad", position), Axis("velocity", "rad/s", speed)]
@@ -109,6 +120,12 @@ def quantities(twin: TwinModel, found: Comparison, column: int) -> tuple[list[Ax
     if load is not None:
         axes.append(Axis("load", "N m", load))
     return [*axes, Axis("time since a reversal", "s", since)], way
+
+
+def reversals(time_s: np.ndarray, way: np.ndarray) -> np.ndarray:
+    """(k,) s: when a direction (n,) of +1, 0, -1 becomes the opposite one, with or without a rest between."""
+    moving = np.flatnonzero(way != 0)
+    return time_s[moving[1:][np.diff(way[moving]) != 0]]
 
 
 def servo_load(twin: TwinModel, found: Comparison, column: int) -> np.ndarray | None:

@@ -10,11 +10,14 @@ from starlette.routing import BaseRoute
 
 from twin_daemon.errors import BadInput
 from twin_daemon.versions import NOMINAL, Version, VersionStore, diff
+from twin_daemon.versions.aliases import CANDIDATE, CURRENT
 from twin_daemon.versions.lineage import tree
 from twin_daemon.versions.standing import known_errors, worse_than
 from twin_daemon.web.app import posting, reading
 
 _LONGEST_LADDER = 20
+_MOST_DECISIONS = 500
+_MOST_TEXT = 400
 
 
 class History:
@@ -31,6 +34,9 @@ class History:
             reading("/api/versions/parameter", self._parameter),
             reading("/api/versions/ladder", self._ladder),
             reading("/api/versions/export", self._export),
+            posting("/api/versions/note", self._note),
+            posting("/api/versions/tag", self._tag),
+            posting("/api/versions/untag", lambda body: {"version": self._store.remove_alias(_text(body, "name"))}),
             posting("/api/versions/promote", self._promote),
             posting("/api/versions/rollback", self._rollback),
         ]
@@ -41,6 +47,7 @@ class History:
         names, shipped = self._store.all_names(), self._store.all_shipped()
         current = next((v for v in versions if v.id == self._store.aliases()["current"]), None)
         known = known_errors(versions)
+        notes = self._store.notes()
         rows: list[dict[str, Any]] = []
         waiting = [(branch, 0) for branch in reversed(tree(versions))]
         while waiting:
@@ -49,14 +56,26 @@ class History:
             told = {"names": names.get(own, []), "shipped": own in shipped, "depth": depth}
             worse = None if current is None else worse_than(branch.version, current, known)
             told["worse"] = None if worse is None or own == NOMINAL else worse.words
+            told["notes"] = [vars(note) for note in notes.get(own, [])]
             rows.append(_summary(branch.version) | told)
             waiting += [(child, depth + 1) for child in reversed(branch.children)]
         parameters = sorted({name for version in versions for name in _values(version)})
-        return {"versions": rows, "aliases": self._store.aliases(), "problems": problems, "parameters": parameters}
+        log = self._store.decisions().decisions[-_MOST_DECISIONS:]
+        decisions = [{name: getattr(one, name) for name in ("at", "what", "version", "name", "text")} for one in log]
+        return {
+            "versions": rows,
+            "aliases": self._store.aliases(),
+            "problems": problems,
+            "parameters": parameters,
+            "decisions": decisions,
+        }
 
     def _diff(self, request: Request) -> dict[str, Any]:
         before, after = (self._store.get(request.query_params.get(name, "")) for name in ("before", "after"))
-        return {"before": before.id, "after": after.id, "words": diff(before, after).words}
+        old, new = _values(before), _values(after)
+        held = {name: one for name, one in new.items() if name in old and old[name]["value"] == one["value"]}
+        same = [f"{name} = {one['value']} {one['unit']}".strip() for name, one in held.items()]
+        return {"before": before.id, "after": after.id, "words": diff(before, after).words, "same": same}
 
     def _parameter(self, request: Request) -> dict[str, Any]:
         """One parameter in every version that sets it, by the time at which they were made."""
@@ -93,6 +112,16 @@ class History:
         headers = {"Content-Disposition": f'attachment; filename="{name}"'}
         return Response(mjcf, media_type="application/xml", headers=headers)
 
+    def _note(self, body: dict[str, Any]) -> dict[str, Any]:
+        return {"version": self._store.note(_text(body, "version"), _text(body, "text")).id}
+
+    def _tag(self, body: dict[str, Any]) -> dict[str, Any]:
+        """A name of one's own; those that promote have a way of their own."""
+        name = _text(body, "name")
+        if name in (CANDIDATE, CURRENT):
+            raise BadInput(f"'{name}' cannot be given here", allowed="a name of your own", todo="Promote the version")
+        return {"version": self._store.set_alias(name, _text(body, "version")).id}
+
     def _promote(self, body: dict[str, Any]) -> dict[str, Any]:
         force, reason = body.get("force") is True, str(body.get("reason") or "")[:400] or None
         return self._moved(self._store.promote(str(body.get("version", "")), reason=reason, force=force))
@@ -104,11 +133,16 @@ class History:
         return {"current": version.id, "title": version.title or version.kind}
 
 
+def _text(body: dict[str, Any], name: str) -> str:
+    return str(body.get(name) or "")[:_MOST_TEXT]
+
+
 def _summary(version: Version) -> dict[str, Any]:
     return {
         "id": version.id,
         "kind": version.kind,
         "title": version.title,
+        "note": version.note,
         "created": version.created,
         "parent": version.parent,
         "effects": [f"{e.get('effect')} at {e.get('target')}" for e in version.terms.get("effects") or []],

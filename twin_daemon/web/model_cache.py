@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from twin_daemon.comparison.compare import Comparison, compare_recording
+from twin_daemon.comparison.compare import Comparison, compare_recording, shifted
 from twin_daemon.errors import BadInput
 from twin_daemon.hand import Hand
 from twin_daemon.recordings import load_joint_map, load_offered
@@ -44,6 +44,7 @@ class ModelCache:
         self._lock = threading.Lock()
         self._recordings: OrderedDict[Hashable, Future[Aligned]] = OrderedDict()
         self._comparisons: OrderedDict[Hashable, Future[Comparison]] = OrderedDict()
+        self._lagging: OrderedDict[Hashable, Future[Comparison]] = OrderedDict()
         self._moving: OrderedDict[Hashable, Future[np.ndarray]] = OrderedDict()
         self._twins: OrderedDict[Hashable, Future[TwinModel]] = OrderedDict()
 
@@ -64,12 +65,17 @@ class ModelCache:
         return self._once(self._moving, _state_of(path), lambda: self.recording(path).moving, _MOST_RECORDINGS)
 
     def comparison(
-        self, path: Path, version_id: str, onset_s: float | None = None, changed: TwinModel | None = None
+        self,
+        path: Path,
+        version_id: str,
+        onset_s: float | None = None,
+        changed: TwinModel | None = None,
+        lag_s: float = 0.0,
     ) -> Comparison | None:
         """The recording against the twin of a version; None while that is being computed. Raises BadInput.
 
         `onset_s` is when the commands begin, where somebody knows better than the estimate; `changed` is the twin of
-        the version with something more.
+        the version with something more. With `lag_s` what is predicted is moved to later times.
         """
         key = (*_state_of(path), version_id, onset_s, changed and changed.terms.model_dump_json())
 
@@ -85,7 +91,12 @@ class ModelCache:
                 future = self._worker.submit(compared)
                 self._keep(self._comparisons, key, future, _MOST_COMPARISONS)
             self._comparisons.move_to_end(key)
-        return future.result() if future.done() else None
+        if not future.done():
+            return None
+        found = future.result()
+        if not lag_s:
+            return found
+        return self._once(self._lagging, (*key, lag_s), lambda: shifted(found, lag_s), _MOST_COMPARISONS)
 
     def screen(self, path: Path) -> None:
         """Reads a recording that is not offered yet, as any of a stranger. Raises BadInput where it is none of this

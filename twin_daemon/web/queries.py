@@ -26,3 +26,8 @@ def number(request: Request, name: str, default: float) -> float:
 def onset(request: Request) -> float | None:
     """s: when the commands begin, where the page says so."""
     return number(request, "onset_s", 0.0) if request.query_params.get("onset_s") else None
+
+
+def lag(request: Request) -> float:
+    """s by which what is predicted is moved to later times."""
+    return 1e-3 * number(request, "lag_ms", 0.0)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import base64
+from functools import cached_property
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from twin_daemon.simulation.submodel import upwards
 from twin_daemon.simulation.twin import TwinModel
 
 _SHAPES = {
@@ -61,7 +63,63 @@ class Scene:
                 mesh = geom["mesh"] = int(model.geom_dataid[number])
                 meshes.setdefault(mesh, _mesh(model, mesh))
             geoms.append(geom)
-        return {"bodies": model.nbody, "joints": self.joints, "geoms": geoms, "meshes": meshes}
+        return {
+            "bodies": model.nbody,
+            "joints": self.joints,
+            "geoms": geoms,
+            "meshes": meshes,
+            "tendons": self._tendons(),
+            "tips": {name: [body, *point] for name, (body, point) in self.tips.items()},
+        }
+
+    @cached_property
+    def tips(self) -> dict[str, tuple[int, list[float]]]:
+        """By joint the tip of what it moves: the last body of its longest chain, and there the geom farthest from the
+        joint, as a point (m) in that body's frame."""
+        model, found = self._twin.model, {}
+        far = np.zeros(model.nbody)  # m along the chain from the base
+        for body in range(1, model.nbody):
+            far[body] = far[int(model.body_parentid[body])] + np.linalg.norm(model.body_pos[body])
+        for name, dof in zip(self._twin.joints, self._twin.dof_adr, strict=True):
+            own = int(model.dof_bodyid[dof])
+            carried = [body for body in range(own, model.nbody) if own in upwards(model, body)]
+            moved = [body for body in carried if model.body_dofnum[body]] or [own]
+            body = max(moved, key=lambda one: far[one])
+            first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
+            places = model.geom_pos[first : first + count] if count else np.zeros((1, 3))
+            found[name] = body, places[int(np.argmax(np.linalg.norm(places, axis=1)))].tolist()
+        return found
+
+    def tip(self, joint: str, poses: np.ndarray) -> np.ndarray:
+        """(3,) m: the tip of what a joint moves, at `poses` (b, 7)."""
+        body, point = self.tips[joint]
+        turned = np.empty(3)
+        mujoco.mju_rotVecQuat(turned, np.array(point), poses[body, 3:])
+        return poses[body, :3] + turned
+
+    def contacts(self, reading_rad: np.ndarray) -> np.ndarray:
+        """(k, 4) m: where geoms touch or are closer than their margin at readings (j,) rad, and how far apart they are
+        (negative where they overlap)."""
+        self.poses(reading_rad)
+        mujoco.mj_comPos(self._twin.model, self._data)
+        mujoco.mj_collision(self._twin.model, self._data)
+        return np.column_stack([self._data.contact.pos, self._data.contact.dist])
+
+    def _tendons(self) -> list[dict[str, Any]]:
+        """Each tendon as points (body, x, y, z): sites in the bodies' frames (m), or for one that couples joints, their
+        axes. Where it wraps around a geom the straight way is shown."""
+        model, found = self._twin.model, []
+        for tendon in range(model.ntendon):
+            first, points = int(model.tendon_adr[tendon]), []
+            for wrap in range(first, first + int(model.tendon_num[tendon])):
+                kind, thing = int(model.wrap_type[wrap]), int(model.wrap_objid[wrap])
+                if kind == mujoco.mjtWrap.mjWRAP_JOINT:
+                    points.append([int(model.jnt_bodyid[thing]), *model.jnt_pos[thing].tolist()])
+                elif kind == mujoco.mjtWrap.mjWRAP_SITE:
+                    points.append([int(model.site_bodyid[thing]), *model.site_pos[thing].tolist()])
+            if len(points) > 1:
+                found.append({"name": str(model.tendon(tendon).name), "points": points})
+        return found
 
     def poses(self, reading_rad: np.ndarray) -> np.ndarray:
         """(b, 7) m and unit quaternions (w, x, y, z) for readings (j,) rad; unknown joints (NaN) stand at zero."""

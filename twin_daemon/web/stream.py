@@ -24,7 +24,8 @@ def stream_of(hands: Hands) -> Callable[[WebSocket], Awaitable[None]]:
     """The end point of a websocket that sends frames until either side goes.
 
     A browser that reads slowly gets fewer frames, each with all that was new; nothing piles up here. With
-    `?space=1` each frame has the poses of the bodies of measured and predicted hand as well. `?hand=` names which hand.
+    `?space=1` each frame has the poses of the bodies of measured and predicted hand as well, and with `&contacts=1`
+    where they touch something. `?hand=` names which hand.
     """
 
     async def stream(socket: WebSocket) -> None:
@@ -39,6 +40,7 @@ def stream_of(hands: Hands) -> Callable[[WebSocket], Awaitable[None]]:
         loop = asyncio.get_running_loop()
         cursor, number, due_s = 0, 0, loop.time()
         space = view.scene if socket.query_params.get("space") == "1" else None
+        touches = socket.query_params.get("contacts") == "1"
         try:
             while not left.done():
                 piece = live.window.after(cursor)
@@ -46,6 +48,11 @@ def stream_of(hands: Hands) -> Callable[[WebSocket], Awaitable[None]]:
                 if space is not None and len(piece.time_s):
                     both = (space.poses(row[-1].astype(float)).ravel() for row in (piece.measured, piece.predicted))
                     frame["hands"] = [listed(points, 4) for points in both]
+                    if touches:
+                        rows = {"measured": piece.measured, "predicted": piece.predicted}
+                        frame["contacts"] = {
+                            name: listed(space.contacts(values[-1].astype(float)), 4) for name, values in rows.items()
+                        }
                 cursor = piece.cursor
                 if number % _ABOUT_EVERY == 0:
                     frame |= {"about": live.about(), "rms": listed(live.window.rms_rad(), 6), "fleet": hands.listed()}
