@@ -24,10 +24,10 @@ const empty = made("p", { className: "empty" });
 const option = ([value, text]: [string, string]) => made("option", { value }, text);
 const quantity = made("select", { id: "quantity" }, ...([["position", "position"], ["velocity", "velocity"], ["effort", "effort"]] as [string, string][]).map(option));
 const derivative = made("input", { type: "checkbox", id: "derivative" }), lowpass = made("input", { type: "number", id: "lowpass", min: "0", step: "any", placeholder: "none" });
-const view = made("select", { id: "view" }, option(["time", "over time"]), option(["spectrum", "as a spectrum"])), beside = made("select", { id: "beside" });
+const view = made("select", { id: "view", "aria-label": "Over time, or as a spectrum" }, option(["time", "over time"]), option(["spectrum", "as a spectrum"])), beside = made("select", { id: "beside" });
 const offset = made("input", { type: "number", id: "beside-offset", step: "any" }), lag = made("input", { type: "number", id: "plot-lag", step: "any" });
 const align = made("button", { type: "button", id: "align", title: "Move the prediction to where its errors are smallest; every error on the page is that of the moved one" }, "Align");
-const controls = made("p", { className: "controls drawing", hidden: true }, made("label", {}, "Draw ", quantity), made("label", {}, derivative, " derivative"), made("label", {}, "below ", lowpass, " Hz"), made("label", { className: "hidden" }, "View"), view,
+const controls = made("p", { className: "controls drawing", hidden: true }, made("label", {}, "Draw ", quantity), made("label", {}, derivative, " derivative"), made("label", {}, "below ", lowpass, " Hz"), view,
   made("label", {}, "prediction later by ", lag, " ms"), align, made("label", {}, "beside ", beside), made("label", { id: "beside-moved" }, "moved by ", offset, " s"));
 
 export const panel = made("div", { className: "panel plots" }, controls, empty, list,

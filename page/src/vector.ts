@@ -42,7 +42,7 @@ export function sheet(title: string, plots: { plot: uPlot; strokes: Stroke[]; up
     along += 34 + 6.6 * stroke.label.length;
     return [drawn("path", { d: `M${from} 32h22`, stroke: colour(stroke.look), "stroke-width": 2, "stroke-dasharray": stroke.dash.join(" ") }), drawn("text", { x: from + 26, y: 36, fill: colour("ink"), "font-family": "Inter, sans-serif", "font-size": 12 }, stroke.label)];
   });
-  const picture = drawn("svg", { xmlns: "http://www.w3.org/2000/svg", width, height, viewBox: `0 0 ${width} ${height}` }, drawn("rect", { width, height, fill: colour("panel") }),
+  const picture = drawn("svg", { width, height, viewBox: `0 0 ${width} ${height}` }, drawn("rect", { width, height, fill: colour("panel") }),
     drawn("text", { x: 62, y: 17, fill: colour("ink"), "font-family": "Inter, sans-serif", "font-size": 14, "font-weight": 600 }, title), ...key, ...panels);
   return `<?xml version="1.0" encoding="UTF-8"?>\n${new XMLSerializer().serializeToString(picture)}`;
 }

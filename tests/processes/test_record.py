@@ -6,8 +6,10 @@ import json
 import os
 import pty
 import signal
+import struct
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,12 +19,15 @@ import pytest
 import zenoh
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
+from websockets import Subprotocol
+from websockets.sync.client import connect
 
 from bridges.zenoh.client import ask
 from bridges.zenoh.session import open_client
 from tests.processes.conftest import Twin, until
 from twin_daemon.cli.app import main
 from twin_daemon.errors import BadInput
+from twin_daemon.hand import load_hand
 from twin_daemon.recordings import load_recording
 from twin_daemon.resources import twin_command
 
@@ -216,3 +221,35 @@ def test_with_nothing_to_keep_and_with_no_room_for_it_nothing_is_written(
     for process in (hand, daemon):
         code, _, err = twin.end(process)
         assert code == 0, err
+
+
+def test_foxglove_sees_the_live_hand(live: Live) -> None:
+    pytest.importorskip("foxglove", reason="the extra 'foxglove' is not installed")
+    bridge = live.twin.start("bridge", "foxglove", "--port", "0")
+    assert bridge.stderr is not None
+    line = next(text for text in bridge.stderr if "ws://" in text)
+    threading.Thread(target=bridge.stderr.read, daemon=True).start()
+    wanted = {"/joint_states", "/joint_commands", "/twin/joint_states", "/twin/residual", "/twin/health", "/twin/model"}
+    with connect(line.split()[-1], subprotocols=[Subprotocol("foxglove.sdk.v1")], max_size=None) as socket:
+        channels: dict[int, dict[str, Any]] = {}
+        while not wanted <= {one["topic"] for one in channels.values()}:
+            told = socket.recv(timeout=30.0)
+            if isinstance(told, str) and (found := json.loads(told))["op"] == "advertise":
+                channels |= {one["id"]: one for one in found["channels"]}
+        asked = [{"id": number, "channelId": number} for number in channels]
+        socket.send(json.dumps({"op": "subscribe", "subscriptions": asked}))
+        heard: dict[str, bytes] = {}
+        while not wanted <= set(heard):
+            told = socket.recv(timeout=30.0)
+            if isinstance(told, bytes) and told[0] == 1:  # data of a message: subscription, time, what was said
+                heard[channels[struct.unpack_from("<I", told, 1)[0]]["topic"]] = told[13:]
+    store = get_typestore(Stores.ROS2_JAZZY)
+    names = set(load_hand().joints)
+    for topic in ("/joint_states", "/twin/joint_states", "/twin/residual"):
+        message: Any = store.deserialize_cdr(heard[topic], "sensor_msgs/msg/JointState")
+        assert set(message.name) == names, topic
+        assert len(message.position) == len(names)
+    assert json.loads(heard["/twin/health"])["status"]
+    assert "<mujoco" in json.loads(heard["/twin/model"])["mjcf"]
+    bridge.send_signal(signal.SIGTERM)
+    assert bridge.wait(20) == 0

@@ -94,7 +94,7 @@ def in_space(tab: Tab) -> None:
     show(tab, "hand")
     tab.until(f"Number({mark('spaceFrames')}) > 0", 60.0)
     drawn = f"Number({mark('overlays')})"
-    assert tab.run(drawn) == 0
+    tab.until(f"{drawn} === 0", 60.0)
     tick(tab, "space-tendons")
     tab.until(f"{drawn} >= 8")  # a coupled pair in each of four fingers, measured and predicted
     tendons = tab.run(drawn)
@@ -102,7 +102,7 @@ def in_space(tab: Tab) -> None:
     tab.until(f"{drawn} === {tendons} + 2", 60.0)
     tick(tab, "space-tendons")
     tick(tab, "space-contacts")
-    tab.until(f"{drawn} >= 2", 60.0)
+    tab.until(f"{drawn} < {tendons} + 2", 60.0)
     assert tab.run("document.querySelector('.hand .controls').innerText").split() == [
         "tendons", "contacts", "path", "of", "the", "fingertip",
     ]  # fmt: skip
