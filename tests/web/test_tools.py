@@ -10,7 +10,7 @@ import numpy as np
 
 from tests.simulation.made import worn_finger
 from tests.web.browser import Browser, Tab
-from tests.web.test_browser import choose, mark, open_source, show, shown
+from tests.web.test_browser import choose, mark, open_source, picture, show, shown
 from twin_daemon.hand import load_hand
 from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
@@ -55,6 +55,7 @@ def plots(tab: Tab) -> None:
     put(tab, "view", "spectrum")
     tab.until(f"{mark('spectra')} === 'rh_FFJ3'", 60.0)
     tab.until("document.querySelectorAll('.chart.spectrum canvas').length === 2")
+    picture(tab, "spectrum")
     put(tab, "view", "time")
     put(tab, "quantity", "position")
     put(tab, "lowpass", "")
@@ -71,8 +72,8 @@ def plots(tab: Tab) -> None:
         " [...document.querySelectorAll('.tools button')].find((one) => one.textContent === 'SVG').click(); })()"
     )
     tab.until("window.saved.length === 1 && window.saved[0].includes('<svg')")
-    picture = ElementTree.fromstring(tab.run("window.saved[0].replace(/^[^\\n]*\\n/, '')"))
-    assert len(picture.findall(".//{http://www.w3.org/2000/svg}title")) == 4  # command, measured, predicted; residual
+    sheet = ElementTree.fromstring(tab.run("window.saved[0].replace(/^[^\\n]*\\n/, '')"))
+    assert len(sheet.findall(".//{http://www.w3.org/2000/svg}title")) == 4  # command, measured, predicted; residual
 
     before = tab.run("document.querySelector('#joint-list .right, #sidebar [data-joint] .right').textContent")
     put(tab, "plot-lag", "40")
@@ -146,6 +147,7 @@ def test_the_tools_of_the_page(workbench: Any, browser: Browser, tmp_path: Path,
     assert "viscous friction by hand" in tab.run("document.querySelector('.chart .key').innerText")
     assert "--set damping=" in tab.run(shown("trial-command"))
     assert np.median(waits[:, 0]) < 5000.0, waits
+    picture(tab, "by-hand")
     tab.click("#trial-off")
     tab.until("!document.querySelector('.chart .key').innerText.includes('by hand')")
 

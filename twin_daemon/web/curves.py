@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from scipy import signal
@@ -53,9 +53,10 @@ class Shape:
     @classmethod
     def of(cls, request: Request) -> Shape:
         """As the page asks for it. Raises BadInput."""
-        quantity = request.query_params.get("quantity", "position")
-        if quantity not in get_args(Quantity):
-            raise BadInput(f"no quantity '{quantity:.40}'", allowed=", ".join(get_args(Quantity)))
+        text = request.query_params.get("quantity", "position")
+        quantity = next((one for one in _UNITS if one == text), None)
+        if quantity is None:
+            raise BadInput(f"no quantity '{text:.40}'", allowed=", ".join(_UNITS))
         lowpass_hz = number(request, "lowpass_hz", 0.0)
         if lowpass_hz < 0.0:
             raise BadInput(f"a low-pass filter at {lowpass_hz:g} Hz", allowed="0 (none) or more")
