@@ -54,7 +54,8 @@ class Shape:
     def of(cls, request: Request) -> Shape:
         """As the page asks for it. Raises BadInput."""
         text = request.query_params.get("quantity", "position")
-        quantity = next((one for one in _UNITS if one == text), None)
+        known: dict[str, Quantity] = {one: one for one in _UNITS}
+        quantity = known.get(text)
         if quantity is None:
             raise BadInput(f"no quantity '{text:.40}'", allowed=", ".join(_UNITS))
         lowpass_hz = number(request, "lowpass_hz", 0.0)
