@@ -10,7 +10,7 @@ interface Path { measured: number[][]; predicted: number[][] | null; pending: bo
 interface Contacts { measured: number[][]; predicted: number[][] | null }
 const box = (id: string, text: string) => { const input = made("input", { type: "checkbox", id }); return { input, label: made("label", {}, input, ` ${text}`) }; };
 const tendons = box("space-tendons", "tendons"), contacts = box("space-contacts", "contacts"), path = box("space-path", "path of the fingertip");
-export const controls = made("p", { className: "controls drawing" }, tendons.label, contacts.label, path.label);
+export const controls = made("p", { className: "controls tuning" }, tendons.label, contacts.label, path.label);
 const LIVE_POINTS = 200, RADIUS_M = 0.0025, MOST_CONTACTS = 64;
 
 let group: three.Group | null = null, described: Described | null = null, redraw = () => undefined as void, pathOf = "", contactsOf = "", asking = false;

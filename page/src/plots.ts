@@ -27,8 +27,8 @@ const derivative = made("input", { type: "checkbox", id: "derivative" }), lowpas
 const view = made("select", { id: "view", "aria-label": "Over time, or as a spectrum" }, option(["time", "over time"]), option(["spectrum", "as a spectrum"])), beside = made("select", { id: "beside" });
 const offset = made("input", { type: "number", id: "beside-offset", step: "any" }), lag = made("input", { type: "number", id: "plot-lag", step: "any" });
 const align = made("button", { type: "button", id: "align", title: "Move the prediction to where its errors are smallest; every error on the page is that of the moved one" }, "Align");
-const controls = made("p", { className: "controls drawing", hidden: true }, made("label", {}, "Draw ", quantity), made("label", {}, derivative, " derivative"), made("label", {}, "below ", lowpass, " Hz"), view,
-  made("label", {}, "prediction later by ", lag, " ms"), align, made("label", {}, "beside ", beside), made("label", { id: "beside-moved" }, "moved by ", offset, " s"));
+const drawnNow = made("summary", {}, "Drawn: position over time"), controls = made("details", { className: "tuning", hidden: true }, drawnNow, made("p", { className: "controls" }, made("label", {}, "Draw ", quantity), made("label", {}, derivative, " derivative"), made("label", {}, "below ", lowpass, " Hz"), view,
+  made("label", {}, "prediction later by ", lag, " ms"), align, made("label", {}, "beside ", beside), made("label", { id: "beside-moved" }, "moved by ", offset, " s")));
 
 export const panel = made("div", { className: "panel plots" }, controls, empty, list,
   made("p", { className: "hint one-line", title: "Wheel zooms, a drag zooms to its box, Shift-drag pans, a double click shows all, a click sets the moment, Alt-click or m the second cursor" }, "Cursor: ", cursorAt, ". ", reduced));
@@ -199,6 +199,9 @@ function keys(event: KeyboardEvent): void {
 }
 
 function fillControls(): void {
+  const { quantity: what, derivative: slope, lowpass: below, view: over, lag: late } = selection, next = known.recordings.find((one) => one.id === selection.beside);
+  put(drawnNow, [`Drawn: ${what}${slope ? ", derivative" : ""}${Number(below) > 0 ? ` below ${below} Hz` : ""} ${over === "spectrum" ? "as a spectrum" : "over time"}`,
+    Number(late) ? `prediction ${late} ms later` : "", selection.beside === "live" ? "beside the live hand" : next ? `beside ${next.name}` : ""].filter(Boolean).join(", "));
   quantity.value = selection.quantity;
   derivative.checked = selection.derivative === "1";
   view.value = selection.view;

@@ -7,7 +7,8 @@ import { colour } from "./state";
 type Row = (number | null)[];
 export interface Found { unit: string; f: number[]; measured: Row; command: Row; twins: Record<string, Row>; residuals: Record<string, Row>; pending: string[] }
 
-const HEIGHT = 50;
+const HEIGHT = 50, DECADES = 1e6; // what is weaker than a millionth of the strongest is not shown
+const tens = (_: uPlot, splits: number[]) => splits.map((one) => (Math.abs(Math.log10(one) - Math.round(Math.log10(one))) < 1e-6 ? one : null));
 export class Spectrum {
   readonly box: HTMLElement;
   private readonly holders = [made("div", { className: "angle" }), made("div", { className: "residual" })];
@@ -32,10 +33,10 @@ export class Spectrum {
     const below = known.map((one, place) => [one.label, looks[place], DASHES[place], found.residuals[one.id]] as [string, string, number[], Row]);
     this.key.replaceChildren(...above.map(([name, look]) => made("li", {}, made("i", { className: `line ${look}` }), name)));
     this.plots = [above, below].map((curves, place) => {
-      const axis = { stroke: () => colour("soft"), grid: { stroke: colour("line"), width: 1 }, ticks: { stroke: colour("line"), width: 1 }, font: "12px Inter, sans-serif" };
+      const axis = { stroke: () => colour("soft"), grid: { stroke: colour("line"), width: 1, filter: tens }, ticks: { stroke: colour("line"), width: 1 }, font: "12px Inter, sans-serif" };
       return new uPlot({
         width: Math.max(this.holders[place].clientWidth, HEIGHT), height: Math.max(this.holders[place].clientHeight, HEIGHT), padding: [6, 8, 0, 0], legend: { show: false },
-        scales: { x: { time: false, distr: 3 }, y: { distr: 3 } }, cursor: { drag: { x: true, y: false } },
+        scales: { x: { time: false, distr: 3 }, y: { distr: 3, range: (_, low, high) => [Math.max(low || 0, high / DECADES), high * 1.5] } }, cursor: { drag: { x: true, y: false } },
         axes: [{ ...axis, size: place ? 40 : 20, label: place ? "Hz" : undefined, labelSize: 16 }, { ...axis, size: 64, label: `${place ? "residual, " : ""}${found.unit}/√Hz`, labelSize: 16, values: (_, splits) => splits.map((one) => (one === null ? "" : one.toExponential(0))) }],
         series: [{ label: "Hz" }, ...curves.map(([label, look, dash]) => ({ label, stroke: colour(look), dash, width: 1.5, spanGaps: true }))],
       }, [found.f, ...curves.map(([, , , values]) => positive(values))] as uPlot.AlignedData, this.holders[place]);
