@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from twin_daemon.cli.command import Group, TwinCommand
-from twin_daemon.cli.options import Endpoint, HandName, Model, Namespace, Seconds
+from twin_daemon.cli.options import Bind, Endpoint, HandName, Model, Namespace, Seconds
 from twin_daemon.cli.run import load_named
 
 ROS_ARGS = "--ros-args"
@@ -68,9 +68,7 @@ def foxglove(
     port: Annotated[
         int, typer.Option("--port", metavar="N", min=0, max=65535, help="Port to serve at; 0 takes any free one.")
     ] = FOXGLOVE_PORT,
-    bind: Annotated[
-        str, typer.Option("--bind", metavar="ADDRESS", help="Address to listen at; others than loopback are reachable.")
-    ] = "127.0.0.1",
+    bind: Bind = "127.0.0.1",
     seconds: Seconds = None,
 ) -> int:
     """Serve measured, commanded, predicted and residual joints, events, health and the model to Foxglove, live.

@@ -76,6 +76,9 @@ FindingRef = Annotated[
         help="Take over the Nth finding of a diagnosis (twin diagnose --json FILE) instead of fitting anew.",
     ),
 ]
+Bind = Annotated[
+    str, typer.Option("--bind", metavar="ADDRESS", help="Address to listen at; others than loopback are reachable.")
+]
 Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="name=value...", help="Values of the effect's parameters; the others are fitted."),

@@ -22,9 +22,6 @@ PORT = 8460
 Port = Annotated[
     int, typer.Option("--port", metavar="N", min=0, max=65535, help="Port of the page; 0 takes any free one.")
 ]
-Bind = Annotated[
-    str, typer.Option("--bind", metavar="ADDRESS", help="Address to listen at; others than loopback are reachable.")
-]
 Names = Annotated[
     list[str] | None,
     typer.Option("--name", metavar="HOST...", help="Further names under which browsers may ask this server."),
@@ -48,7 +45,7 @@ Fleet = Annotated[
 
 def command(
     port: Port = PORT,
-    bind: Bind = "127.0.0.1",
+    bind: options.Bind = "127.0.0.1",
     name: Names = None,
     recording: options.OptionalRecordings = None,
     folder: Folders = None,
