@@ -11,11 +11,9 @@ import numpy as np
 from twin_daemon.diagnosis.fit import Fit
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.thresholds import ADEQUATE_FLOORS, AS_BEFORE, FORGIVEN_OFFSET_SIGMA, RELATIVE_ERROR
-from twin_daemon.estimation.nuisances import carried_over
-from twin_daemon.estimation.posterior import floor_and_corrections
+from twin_daemon.estimation.posterior import floor_variance
 from twin_daemon.estimation.thresholds import OFFSET_FLOORS
 from twin_daemon.estimation.uncertainty import block_gain, block_samples, sample_squares
-from twin_daemon.estimation.variables import OnsetVariable
 from twin_daemon.simulation.alignment import Aligned
 
 
@@ -81,7 +79,7 @@ class Validation:
         after = before if fit is part.base else part.held_out(fit, self._holdout)
         left = _left(after, self._known, part.floor)
         if (left > self.allowed).any():
-            # what the fitted motion leaves loose is not held against either, nor what a time step does on this motion
+            # what the fitted motion leaves loose is not held against either, nor what jitter does to faster motion
             before = self._without(owned, adjusted=True)
             after = before if fit is part.base else part.held_out(fit, self._holdout, adjusted=True)
             left = _left(after, self._known, self._floor)
@@ -102,15 +100,10 @@ class Validation:
 
     @cached_property
     def _floor(self) -> np.ndarray:
-        """(k,) rad^2: the part's floor, or the one that the held-out motion itself has where that is higher.
-
-        Commanded steps that strike harder leave more of the time step's error.
-        """
+        """(k,) rad^2: the part's floor, with what jitter makes of held-out motion that is faster than the fitted."""
         part = self._part
-        _, recordings = carried_over(part.variables, part.base.point, self._holdout)
-        kept = [v for v in part.variables if not isinstance(v, OnsetVariable)]
-        own, _ = floor_and_corrections(part.twin, recordings, kept, part.joints)
-        return np.maximum(part.floor, own)
+        fitted, own = (floor_variance(recordings, part.joints) for recordings in (part.recordings, self._holdout))
+        return part.floor + np.maximum(own - fitted, 0.0)
 
     def _without(self, owned: tuple[str, ...], *, adjusted: bool) -> list[np.ndarray]:
         """The model without an effect on the held-out motion, computed once for all effects that own the same."""
