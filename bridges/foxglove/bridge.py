@@ -12,7 +12,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rosbags.typesys import Stores, get_typestore
 
@@ -22,9 +22,6 @@ from twin_daemon.hand import HandDescription
 from twin_daemon.recordings.joint_state_wire import JOINT_STATE
 from twin_daemon.services.guard import Guard
 from twin_daemon.services.recorder import TOPICS, Listen, as_joint_state
-
-if TYPE_CHECKING:
-    pass
 
 log = logging.getLogger("twin.bridge")
 
