@@ -110,6 +110,7 @@ PLANTED: dict[str, tuple[str, Callable[[float], float]]] = {
     "stribeck_friction": ("breakaway", lambda v: v),
     "load_friction": ("coefficient", lambda v: v),
     "backlash": ("gap", lambda v: v),
+    "dead_zone": ("band", lambda v: v),
     "hysteresis": ("torque", lambda v: v),
     "tendon_elasticity": ("stiffness", lambda v: 1.0 / v),
     "coupling": ("preload", lambda v: v),
