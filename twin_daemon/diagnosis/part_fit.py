@@ -12,8 +12,10 @@ from twin_daemon.diagnosis.candidates import Hypothesis
 from twin_daemon.diagnosis.fit import FirstFit, Fit, as_fit, moved_parameters, own_columns
 from twin_daemon.diagnosis.thresholds import (
     COARSER_STEPS,
+    DEVIATING_SIGMA,
     FORBIDDEN_SIGMA,
     GONE_FAR,
+    HARDLY_FURTHER,
     LEAST_SHARE_OF_ERROR,
     MOVED_SIGMA,
     NUISANCE_ROLLOUTS,
@@ -91,12 +93,32 @@ class PartFit:
                 self.corrections = problem.step_errors(found.point)
                 self.problem = problem = problem.corrected(self.corrections)
                 found = self._settled(found.point, None)
-            return as_fit(None, problem, found)
+            return as_fit(None, problem, self._no_further_than_needed(found))
         found = self._settled(problem.start_from(after.nuisances), self._taken_over(after))
         if not self._is_within_floor(found.point, found.rows):
             again = self._settled(problem.start, None)
             found = min(found, again, key=lambda one: float(one.rows @ one.rows))
         return as_fit(None, problem, found)
+
+    def _no_further_than_needed(self, found: Descent) -> Descent:
+        """The same fit within a nat with no nuisance further off than one may be, where they are hardly further.
+
+        A descent ends where little is left to gain, not at the last tenth of a sigma.
+        """
+        problem = self.problem
+        sigmas = problem.prior_residuals(found.point[None])[0]
+        off = np.abs(sigmas)
+        if not DEVIATING_SIGMA < off.max(initial=0.0) < HARDLY_FURTHER * DEVIATING_SIGMA:
+            return found
+        nearer = found.point.copy()
+        own = np.flatnonzero([variable.prior is not None for variable in problem.variables])
+        steps = np.diag(problem.prior_slopes()[:, own])
+        excess = np.sign(sigmas) * np.maximum(off - DEVIATING_SIGMA, 0.0)
+        nearer[own] -= 1.01 * excess / np.where(steps == 0.0, np.inf, steps)
+        rows = problem.residuals(np.clip(nearer, 0.0, 1.0)[None])[0]
+        if rows @ rows > found.rows @ found.rows + 2.0:
+            return found
+        return replace(found, point=np.clip(nearer, 0.0, 1.0), rows=rows)
 
     def _settled(self, point: np.ndarray, slopes: np.ndarray | None) -> Descent:
         """The nuisances alone descended from a point (p,), until another round gains little."""

@@ -61,6 +61,9 @@ MOVED_SIGMA = Threshold(
 )
 SUSPECT_SIGMA = Threshold(3.0, "sigma", "of a nuisance from its prior: it may stand in for something")
 DEVIATING_SIGMA = Threshold(4.0, "sigma", "of a nuisance from its prior: something moves it")
+HARDLY_FURTHER = Threshold(
+    1.1, "1", "times that: where the same fit within a nat is no further off, it counts. Descents end so far apart"
+)
 SPOKEN_SIGMA = Threshold(2.0, "sigma", "of a nominal parameter, and outside its interval: said with its value")
 FORBIDDEN_SIGMA = Threshold(6.0, "sigma", "of a nuisance: no hand that is called the same; something is missing")
 DECISIVE_NATS = Threshold(5.0, "nats", "between two candidates below which data do not choose (odds of 150 to 1)")
