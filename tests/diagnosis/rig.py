@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,10 @@ _MOTION: Motion = {
 }
 
 
+LAZY: Motion = {**_MOTION, "right": ([0.0, 6.0], [0.0, 0.1])}
+"""The same motion but for one joint, which goes so slowly that a late command hardly shows at it."""
+
+
 def rig_model(folder: Path) -> Path:
     """The MJCF of the rig."""
     path = folder / "rig.xml"
@@ -48,18 +53,16 @@ def rubbing_rig(folder: Path) -> tuple[Path, Path]:
     return model, saved(made, folder / "rubs.mcap")
 
 
-def changed_rig(folder: Path, key: str, **values: float) -> tuple[Path, Path, Path]:
+def changed_rig(
+    folder: Path, key: str, values: Mapping[str, float], *, motion: Motion = _MOTION, noise_rad: float = 1e-4
+) -> tuple[Path, Path, Path]:
     """(the rig's MJCF, a bag of one that has an effect everywhere, another with other noise)."""
     model = rig_model(folder)
     twin = TwinModel.load(load_hand(model=model))
-    plant = twin.changed(Terms(effects=(EffectTerm(effect=key, target="robot", values=values),)))
-    bags = [
-        saved(
-            recorded(plant, _MOTION, np.random.default_rng(seed), seconds=6.0, noise_rad=1e-4), folder / f"{seed}.mcap"
-        )
-        for seed in (6, 7)
-    ]
-    return model, bags[0], bags[1]
+    plant = twin.changed(Terms(effects=(EffectTerm(effect=key, target="robot", values=dict(values)),)))
+    made = [recorded(plant, motion, np.random.default_rng(seed), seconds=6.0, noise_rad=noise_rad) for seed in (6, 7)]
+    fit, other = (saved(one, folder / f"{number}.mcap") for number, one in enumerate(made))
+    return model, fit, other
 
 
 def late_rig(folder: Path) -> tuple[Path, Path]:

@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 from tests.diagnosis.conftest import called
-from tests.diagnosis.rig import DELAY_S, SERVOS, changed_rig, late_rig
+from tests.diagnosis.rig import DELAY_S, LAZY, SERVOS, changed_rig, late_rig
 from twin_daemon.cli.app import main
+from twin_daemon.errors import BadInput
 from twin_daemon.hand import load_hand
 from twin_daemon.places import ROBOT
 from twin_daemon.simulation.terms import EffectTerm, Terms
@@ -34,6 +35,12 @@ def test_the_whole_robot_stands_for_each_of_its_servos(late: tuple[str, str]) ->
     assert _delays(twin.terms.as_json()) == dict.fromkeys(SERVOS, 0.01)
     assert twin.joints_of(ROBOT) == SERVOS
     assert all(twin.terms.is_everywhere(term, twin.actuators, twin.joints) for term in twin.terms.effects)
+
+
+def test_an_effect_that_nobody_knows_is_said_so_at_the_whole_robot_too(late: tuple[str, str]) -> None:
+    nominal = TwinModel.load(load_hand(model=Path(late[0])))
+    with pytest.raises(BadInput, match="gremlins"):
+        nominal.changed(Terms(effects=(EffectTerm(effect="gremlins", target=ROBOT, values={}),)))
 
 
 def test_an_effect_is_added_to_all_servos_and_removed_again(late: tuple[str, str], tmp_path: Path) -> None:
@@ -106,7 +113,7 @@ def test_a_cause_of_all_servos_is_the_first_step_of_the_ladder(late: tuple[str, 
 def test_what_all_joints_have_is_one_cause_and_named_once(
     key: str, values: dict[str, float], told: tuple[str, float], tmp_path: Path
 ) -> None:
-    model, bag, other = changed_rig(tmp_path, key, **values)
+    model, bag, other = changed_rig(tmp_path, key, values)
     said = called("diagnose", "--model", str(model), "--recording", str(bag), "--holdout", str(other),
                   result=tmp_path / "d.json")  # fmt: skip
     assert said["verdict"] in ("explained", "ambiguous")
@@ -120,3 +127,13 @@ def test_what_all_joints_have_is_one_cause_and_named_once(
     if limit := found["parameters"].get("limit"):  # no servo comes near it: nothing is said of it
         assert limit["value"] == 1.0
         assert limit["ci95"][1] - limit["ci95"][0] > 10.0
+
+
+def test_a_late_bus_is_every_servos_where_one_of_them_hardly_shows_it(tmp_path: Path) -> None:
+    model, bag, other = changed_rig(tmp_path, "command_delay", {"delay": DELAY_S}, motion=LAZY, noise_rad=1e-3)
+    said = called("diagnose", "--model", str(model), "--recording", str(bag), "--holdout", str(other),
+                  result=tmp_path / "d.json")  # fmt: skip
+    (found,) = said["findings"]
+    assert (said["verdict"], found["effect"], found["target"]) == ("explained", "command_delay", "robot")
+    assert set(found["joints"]) == set(SERVOS)
+    assert set(said["parts"]) == set(SERVOS)

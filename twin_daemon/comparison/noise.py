@@ -17,9 +17,9 @@ def noise_variance(values: np.ndarray) -> float:
 
     Differences of the n-th order cancel the motion, the more so the higher the order: their mean square is (2n over n)
     times the noise variance, and what slow sampling leaves of fast motion in it only adds. So the order with the least
-    counts. They are taken over the quietest half of the recording, so that impacts and steps do not count as noise. A
-    quantised sensor at rest hides its noise within one count, so it is judged where it moves, and a resolution q counts
-    with q^2/12 at least.
+    counts. The median of short pieces is taken, so that impacts and steps do not count as noise. A quantised sensor at
+    rest hides its noise within one count, so it is judged where it moves, and a resolution q counts with q^2/12 at
+    least.
     """
     values = values[np.isfinite(values)]
     if values.size < 32:

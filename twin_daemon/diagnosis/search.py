@@ -70,8 +70,8 @@ def diagnose(
         touching = [name for name, reduced in cut if reduced is None]
         begun = concurrently(at_nominal, [reduced for _, reduced in cut if reduced is not None])
         shared = _of_all(twin, reduction, begun, limit, seed, say)
-        looked_at = begun if shared else concurrently(lambda one: look(*one), begun)
-        above = [] if shared else _above(looked_at, outcomes, seed, say)
+        looked_at = [] if shared else concurrently(lambda one: look(*one), begun)
+        above = _above(looked_at, outcomes, seed, say)
         if above and twin.hand.description.nominal_uncertainty.mass > 0.0:
             # once more with what costs most: that links may be heavier than their model
             reduction = reduction.with_link_masses(twin)
@@ -86,8 +86,10 @@ def diagnose(
             outcomes = [outcome for outcome in outcomes if outcome.joints not in theirs]
             for reduced, part in shared.looked_at:
                 outcomes.append(replace(_begun(reduced, part), within_floor=True))
-            above = []
-            findings.append(_everywhere(shared.finding, [r for r, _ in looked_at], outcomes))
+            rest = [reduced for reduced, part in begun if part.joints not in theirs]
+            finding, doubtful = _everywhere(shared.finding, rest, outcomes, seed, say)
+            findings.append(finding)
+            above = _above(concurrently(look, doubtful), outcomes, seed, say)
         hunt = _Hunt(twin, reduction, seed, say, most_effects, limit, outcomes, touching)
         for unit in _units(twin, above):
             hunt.search(unit)
@@ -199,22 +201,32 @@ def _off_the_same_way(looked_at: Sequence[tuple[Reduced, PartFit]], kind: str) -
     return len(found) > 1 and abs(sum(found)) > DEVIATING_SIGMA * len(found) ** 0.5
 
 
-def _everywhere(finding: Finding, groups: Sequence[Reduced], outcomes: list[Outcome]) -> Finding:
-    """A cause that all servos or joints have is theirs, too, that are within the floor without it, if they are with it.
+def _everywhere(
+    finding: Finding, groups: Sequence[Reduced], outcomes: list[Outcome], seed: int, say: Say
+) -> tuple[Finding, list[Reduced]]:
+    """(a cause with all groups that are sound with it, the groups that nobody has judged and that are not).
 
-    What their nominal values stood in for is taken back in `outcomes`.
+    A cause that all servos or joints have is theirs, too, at which it hardly shows. What their nominal values stood in
+    for is taken back in `outcomes`.
     """
     if finding.target != ROBOT:
-        return finding
+        return finding, []
     term = EffectTerm(effect=finding.effect, target=ROBOT, values=finding.values)
-    rest = [group for group in groups if not set(group.joints) & set(finding.joints)]
-    changed = [replace(group, twin=group.twin.changed(group.twin.terms.with_effect(term))) for group in rest]
-    sound = [(reduced, part) for reduced, part in concurrently(look, changed) if part.within_floor]
-    for reduced, part in sound:
-        place = next(i for i, outcome in enumerate(outcomes) if outcome.joints == part.joints)
-        outcomes[place] = replace(_begun(reduced, part), within_floor=True, left=outcomes[place].left)
-    theirs = [joint for reduced, _ in sound for joint in reduced.joints]
-    return finding.model_copy(update={"joints": (*finding.joints, *theirs)})
+    changed = [replace(group, twin=group.twin.changed(group.twin.terms.with_effect(term))) for group in groups]
+    known = {outcome.joints: place for place, outcome in enumerate(outcomes)}
+    theirs: list[str] = []
+    doubtful: list[Reduced] = []
+    for group, (reduced, part) in zip(groups, concurrently(look, changed), strict=True):
+        outcome = _within_floor(part, reduced, seed, say, seen=True)
+        if outcome is None:
+            doubtful += [] if part.joints in known else [group]
+            continue
+        theirs += part.joints
+        if part.joints in known:
+            outcomes[known[part.joints]] = outcome
+        else:
+            outcomes.append(outcome)
+    return finding.model_copy(update={"joints": (*finding.joints, *theirs)}), doubtful
 
 
 def _units(twin: TwinModel, above: Sequence[tuple[Reduced, PartFit]]) -> list[list[tuple[Reduced, PartFit]]]:

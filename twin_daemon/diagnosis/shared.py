@@ -321,6 +321,9 @@ class SharedSearch:
         shares = posterior({one.cause.name: 0.5 * (nothing - one.cost) for one, _ in fits}, DECISIVE_NATS)
         both = zip(above, looked_at, strict=True)
         evidence = 0.5 * sum(old.base.cost - new.base.cost for (_, old), (_, new) in both)
+        if any(old.nominal for _, old in above):
+            # over what the uncertain values could do instead, which nobody has fitted: on what was searched
+            evidence = 0.5 * (nothing - found.cost)
         joints = tuple(dict.fromkeys(joint for reduced, _ in self._above for joint in reduced.joints))
         story = cause.effect.story
         finding = Finding(

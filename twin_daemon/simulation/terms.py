@@ -45,14 +45,13 @@ class Terms(BaseModel):
             return self
         found = Terms(parameters=self.parameters)
         for term in self.effects:
-            everywhere = joints if LIBRARY[term.effect].shared == "joints" else servos
-            for target in everywhere if term.target == ROBOT else (term.target,):
+            for target in _everywhere(term, servos, joints) if term.target == ROBOT else (term.target,):
                 found = found.with_effect(term.model_copy(update={"target": target}))
         return found
 
     def is_everywhere(self, term: EffectTerm, servos: Sequence[str], joints: Sequence[str]) -> bool:
         """Whether each of several servos, or joints, has this effect with the same values: one cause of the robot."""
-        places = joints if LIBRARY[term.effect].shared == "joints" else servos
+        places = _everywhere(term, servos, joints)
         alike = {t.target for t in self.effects if (t.effect, t.values) == (term.effect, term.values)}
         return len(places) > 1 and term.target in places and set(places) <= alike
 
@@ -68,6 +67,12 @@ class Terms(BaseModel):
     def as_json(self) -> dict:
         """A plain object that `Terms.model_validate` reads back."""
         return self.model_dump(by_alias=True, mode="json")
+
+
+def _everywhere(term: EffectTerm, servos: Sequence[str], joints: Sequence[str]) -> Sequence[str]:
+    """Where an effect of the whole robot is. What no library has is refused where the model is built."""
+    effect = LIBRARY.get(term.effect)
+    return joints if effect is not None and effect.shared == "joints" else servos
 
 
 def load_terms(path: Path) -> Terms:
