@@ -25,7 +25,8 @@ import psutil
 
 from bench.live import Driver, Peer
 from bridges.zenoh.client import ask
-from tests.web.browser import Browser, Tab, chromium
+from tests.web.browser import Browser, chromium
+from tests.web.tab import Tab
 from twin_daemon.cli.children import free_port
 from twin_daemon.resources import twin_command
 

@@ -2,11 +2,11 @@
 import { drawn, made, milli, number } from "./dom";
 
 // Widths are attributes of drawings: the page's policy lets no style into its markup.
-export function bar(share: number, look = "good", label = ""): SVGElement {
+// The number beside it says what it stands for.
+export function bar(share: number, look = "good"): SVGElement {
   const width = Math.max(0, Math.min(1, share)) * 100;
-  const found = drawn("svg", { viewBox: "0 0 100 10", preserveAspectRatio: "none", class: "bar", role: "img", "aria-label": label },
+  return drawn("svg", { viewBox: "0 0 100 10", preserveAspectRatio: "none", class: "bar", "aria-hidden": "true" },
     drawn("rect", { x: 0, y: 0, width: 100, height: 10, rx: 2, class: "rail" }), drawn("rect", { x: 0, y: 0, width: Math.max(width, 0.8), height: 10, rx: 2, class: look }));
-  return found;
 }
 
 // A value within its bounds, with its 95 % interval.

@@ -10,7 +10,7 @@ const WIDTH = 260, HEIGHT = 120, LOOKS = [["better", ""], ["soft", "6 4"], ["thi
 const AGAIN_MS = 1000;
 
 const head = made("ul", { className: "key", "aria-label": "Key" }), grid = made("div", { className: "four" }), empty = made("p", { className: "empty" });
-export const panel = made("div", { className: "panel dependence" }, head, empty, grid);
+export const panel = made("div", { className: "panel dependence", tabIndex: 0, role: "region", "aria-label": "What the error depends on" }, head, empty, grid);
 let wanted = 0, later = 0;
 
 const named = (name: string) => {

@@ -54,6 +54,9 @@ export function number(value: number | null | undefined, digits = 3): string {
 export const milli = (value: number | null | undefined, digits = 3) =>
   (value === null || value === undefined ? "unknown" : number(1e3 * value, digits));
 
+// A value with its unit, or several; a pure number has none.
+export const withUnit = (text: string, unit: string) => (unit && unit !== "1" ? `${text} ${unit}` : text);
+
 // The name of a joint without the prefix that all joints of the hand share.
 let prefix = "";
 export function shareNames(names: string[]): void {

@@ -8,7 +8,7 @@ import { added } from "./path";
 import { live, on, selection } from "./state";
 
 const box = made("div"), words = made("p", { id: "fall-words" });
-export const panel = made("div", { className: "panel fall-panel" }, box, words);
+export const panel = made("div", { className: "panel fall-panel", tabIndex: 0, role: "region", "aria-label": "How the error falls" }, box, words);
 let drawn = "";
 
 // A title as a row has room for it: a ladder by the number of its effects, one effect by its name.

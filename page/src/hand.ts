@@ -26,23 +26,23 @@ interface Stage {
   renderer: three.WebGLRenderer; scene: three.Scene; camera: three.PerspectiveCamera; controls: CameraControls; hands: three.Group[][];
   meshes: three.Mesh[]; joints: number[][]; wanted: boolean; placed: boolean; version: string;
 }
-let fineness = 1, stage: Stage | null = null, residuals: (number | null)[] = [], frames = 0, loading = "";
+let fineness = 1, unable = false, stage: Stage | null = null, residuals: (number | null)[] = [], frames = 0, loading = "";
 
 async function build(): Promise<void> {
   const version = facts.own ? selection.version || "nominal" : "nominal";
-  if (!facts.scene || loading === version || stage?.version === version) return;
+  if (!facts.scene || unable || loading === version || stage?.version === version) return;
   loading = version;
   const described = await read<Described>(`/api/scene?${new URLSearchParams({ version })}`);
   if (loading !== version) return;
   loading = "";
   if (stage) { populate(stage, described, version); return; }
-  let renderer: three.WebGLRenderer;
-  try {
-    renderer = new three.WebGLRenderer({ canvas, antialias: !inSoftware(), alpha: true, powerPreference: "low-power" });
-  } catch {
+  const drawing = drawsInSpace();
+  if (!drawing) {
+    unable = true;
     put(words, "This browser draws nothing in space (no WebGL); everything else works without it.");
     return;
   }
+  const renderer = new three.WebGLRenderer({ canvas, antialias: drawing !== "software", alpha: true, powerPreference: "low-power" });
   const scene = new three.Scene(), camera = new three.PerspectiveCamera(32, 1, 0.01, 20);
   camera.up.set(0, 0, 1);
   scene.add(new three.HemisphereLight(0xffffff, 0x667788, 1.6));
@@ -61,11 +61,13 @@ async function build(): Promise<void> {
 }
 
 // Whether there is no graphics card: then fewer points are drawn, and edges are left as they are.
-function inSoftware(): boolean {
-  const probe = document.createElement("canvas").getContext("webgl2"), told = probe?.getExtension("WEBGL_debug_renderer_info");
-  const name = probe && told ? String(probe.getParameter(told.UNMASKED_RENDERER_WEBGL)) : "";
-  probe?.getExtension("WEBGL_lose_context")?.loseContext();
-  return /swiftshader|llvmpipe|software/i.test(name);
+function drawsInSpace(): "card" | "software" | null {
+  const probe = document.createElement("canvas").getContext("webgl2");
+  if (!probe) return null;
+  const told = probe.getExtension("WEBGL_debug_renderer_info"); // Firefox tells it without, and warns of this
+  const name = told ? String(probe.getParameter(told.UNMASKED_RENDERER_WEBGL)) : "";
+  probe.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|software/i.test(name) ? "software" : "card";
 }
 
 function populate(on_: Stage, described: Described, version: string): void {

@@ -83,7 +83,7 @@ async function overTime(): Promise<void> {
   chart.replaceChildren();
   if (!name) return;
   const { points } = await read(`/api/versions/parameter?${new URLSearchParams({ name })}`), unit = points[0].unit;
-  chart.append(table(unit ? `${name} (${unit})` : name, ["made", "value", "95 % from", "to", "version"], points.map((one: any) =>
+  chart.append(table(unit && unit !== "1" ? `${name} (${unit})` : name, ["made", "value", "95 % from", "to", "version"], points.map((one: any) =>
     row(one.created ? new Date(one.created).toLocaleString() : "-", number(one.value, 4), one.ci95 ? number(one.ci95[0]) : "unknown", one.ci95 ? number(one.ci95[1]) : "unknown", one.version.slice(0, 12)))));
   if (points.length < 2) return;
   const band = (index: number) => points.map((one: any) => one.ci95?.[index] ?? null);

@@ -1,7 +1,7 @@
 // What is selected, in the step that is chosen: its facts, one primary button, and what came of it.
 import { attempt, needsAuthorization, works } from "./api";
 import { errorsOf, hear, known, mark, recording, shown, version, versionTitle, type Errors } from "./data";
-import { made, milli, number, put, row, short, size, table } from "./dom";
+import { made, milli, number, put, row, short, size, table, withUnit } from "./dom";
 import { fields } from "./fields";
 import { begin, jobs, ofSelection, running, words } from "./jobs";
 import { NAMES, added, better, standing, type Step } from "./path";
@@ -27,12 +27,12 @@ const content: Record<Step, () => (Node | null)[]> = {
     const { opened } = known, one = recording();
     if (live() || !opened) {
       return [live() ? made("p", {}, "The live hand is shown. Keep its last minutes as a recording to work on them.") : made("p", { id: "opened", role: "status" }, known.opening || "Choose a recording."),
-        live() ? keepButton("primary") : null, free("Choose a file", chooseFile), live() ? joint() : null];
+        live() ? keepButton("primary") : null, free("Choose a file", chooseFile, "choose-file"), live() ? joint() : null];
     }
     const moving = opened.joints.filter((item) => item.moves).map((item) => short(item.name));
     return [made("p", { id: "opened", role: "status" }, known.opening), facts([["file", one ? `${one.name}, ${size(one.bytes)}` : ""], ["length", `${number(opened.seconds, 4)} s`],
       ["rate", `${number(opened.rate_hz, 4)} Hz`], ["moves", moving.join(", ") || "no joint"], ["commands", opened.commands_recorded ? "recorded" : "not recorded: their onset is estimated"]]),
-    opened.commands_recorded ? null : fields.onset(), ...opened.notes.map((note) => made("p", { className: "soft" }, note)), fields.holdout(), next("check")];
+    opened.commands_recorded ? null : fields.onset(), ...opened.notes.map((note) => made("p", { className: "soft" }, note)), fields.holdout(), diagnosing(), next("check")];
   },
   check() {
     const job = ofSelection("check");
@@ -53,7 +53,7 @@ const content: Record<Step, () => (Node | null)[]> = {
   diagnose() {
     const job = ofSelection("diagnose"), ended = job?.status === "done";
     const options = [fields.version(), fields.holdout(), fields.joints(), fields.within()];
-    const run = button(ended ? "Diagnose again" : "Diagnose", () => begin("diagnose", fields.diagnosis()), "diagnose", !ended);
+    const run = diagnosing(ended);
     const ladder = button("Ladder: diagnose, add, again", () => begin("ladder"), "ladder", false);
     if (ended && job.result) return [verdict(job), made("details", {}, made("summary", {}, "Diagnose again"), ...options, run, ladder)];
     return [job && job.status !== "running" ? made("p", { className: "bad", id: "job-status" }, words(job)) : null, ...options, run, ladder, job && job.status !== "running" ? log(job) : null];
@@ -69,10 +69,10 @@ const content: Record<Step, () => (Node | null)[]> = {
   validate() {
     const new_ = added();
     if (!new_) return [made("p", {}, standing("validate").reason)];
-    const good = better(new_.job.result), result = made("div", { id: "validated" });
+    const good = better(new_.job.result), result = made("div", { id: "validated" }), used = known.aliases.current === new_.version;
     const run = works(made("button", { type: "button", className: good ? "" : "primary", id: "validate" }, "Validate on this recording"), () => elsewhere(new_.version, new_.job.about.version, result));
     return [made("p", {}, made("strong", {}, good === null ? "Not tested on held-out motion." : good ? "Better on motion that no fit has seen." : "Not better on motion that no fit has seen: do not promote it.")),
-      ...outcome(new_.job, true), fields.elsewhere(), run, result, next("promote")];
+      used ? inUse() : good ? promoting(new_.version, "Promote", true) : null, ...outcome(new_.job, true), fields.elsewhere(), run, result, next("promote")];
   },
   promote() {
     const new_ = added(), now = version(known.aliases.current);
@@ -80,10 +80,17 @@ const content: Record<Step, () => (Node | null)[]> = {
     if (!new_) return [made("p", {}, standing("promote").reason), ...parts, rollback()];
     const done = known.aliases.current === new_.version;
     return [...parts, facts([["candidate", `${new_.version.slice(0, 12)} ${versionTitle(new_.version)}`]]),
-      done ? made("p", { className: "good" }, "The new version is in use. A running daemon takes it up within a second or two.") : promoting(new_.version, "Promote", true), exporting(new_.version), rollback(),
+      done ? inUse() : promoting(new_.version, "Promote", true), exporting(new_.version), rollback(),
       works(made("button", { type: "button" }, "Show the history"), () => dispatchEvent(new CustomEvent("open-panel", { detail: "history" })))];
   },
 };
+
+// From the first step on: who has a recording may ask at once what is wrong.
+const diagnosing = (again = false) => button(again ? "Diagnose again" : "Diagnose", async () => {
+  await begin("diagnose", fields.diagnosis());
+  select({ step: "diagnose" });
+}, "diagnose", !again);
+const inUse = () => made("p", { className: "good" }, "The new version is in use. A running daemon takes it up within a second or two.");
 
 function next(step: Step): Node {
   const found = made("button", { type: "button", className: "next" }, `Next: ${NAMES[step]}`);
@@ -111,7 +118,7 @@ function outcome(job: any, brief = false): Node[] {
     made("li", {}, `Validation data, one free roll-out of the whole hand: ${change(result.holdout_before.mse_rad2, result.holdout_after.mse_rad2)}`),
     result.holdout_joints_after.mse_rad2 === null ? null : made("li", {}, `The same over its joints: ${change(result.holdout_joints_before.mse_rad2, result.holdout_joints_after.mse_rad2)}`),
     found ? made("li", {}, `Validation data, in short pieces of its part: ${change(found.holdout_mse_before, found.holdout_mse_after)}`) : null,
-    ...(brief ? [] : Object.entries<any>(result.parameters).map(([name, one]) => made("li", {}, `${name} = ${number(one.value, 4)} ${one.unit} (95 %: ${number(one.ci95[0])} to ${number(one.ci95[1])})${one.at_bound ? ", on its bound" : ""}`))),
+    ...(brief ? [] : Object.entries<any>(result.parameters).map(([name, one]) => made("li", {}, `${name} = ${withUnit(number(one.value, 4), one.unit)} (95 %: ${number(one.ci95[0])} to ${number(one.ci95[1])})${one.at_bound ? ", on its bound" : ""}`))),
     ...(brief ? [] : (result.notes ?? []).map((note: string) => made("li", { className: "soft" }, note)))];
   return [brief ? made("h3", {}, "Held out") : made("h2", {}, `${result.effect.replaceAll("_", " ")} at ${result.targets.map(short).join(", ")}`),
     made("ul", { className: "tight", id: brief ? "" : "added" }, ...lines), brief ? made("span") : made("p", {}, `Stored as candidate ${result.version.slice(0, 12)}; it is used only if it is promoted.`)];

@@ -18,8 +18,11 @@ let found: Command[] = [], at = 0;
 
 function commands(): Command[] {
   const press = (id: string) => () => { const button = document.getElementById(id) as HTMLButtonElement | null; if (!button || button.disabled) throw new Error("This needs the address with the token."); button.click(); };
+  // whatever can be pressed in the step that is chosen
+  const step = [...document.querySelectorAll<HTMLButtonElement>("#inspector .body > button, #inspector .card button")].filter((one) => !one.disabled && !one.classList.contains("next"));
   const pinned = (name: string) => ({ pinned: [...new Set([...selection.pinned, name])] });
   return [
+    ...step.map((one) => ({ name: `Do: ${one.textContent}`, act: () => one.click() })),
     ...(facts.own ? STEPS.map((step, place) => ({ name: `Step ${place + 1}: ${NAMES[step]}`, act: () => select({ step }) })) : []),
     ...all().map((one) => ({ name: `Show ${one.title.toLowerCase()}`, act: () => show(one.id) })),
     { name: document.getElementById("stop")!.textContent!, act: press("stop") },

@@ -2,7 +2,7 @@
 import { allowed, asked, attempt, facts, needsAuthorization, read, works } from "./api";
 import type { Curve } from "./chart";
 import { about, hear, known, mark, recording } from "./data";
-import { made, milli, number, put } from "./dom";
+import { made, milli, number, put, withUnit } from "./dom";
 import { begin } from "./jobs";
 import { at } from "./moments";
 import { live, on, select, selection } from "./state";
@@ -44,9 +44,9 @@ function stepOf(one: Value): number {
 }
 
 function slider(one: Value): HTMLElement {
-  const id = `slider-${one.name}`, exact = made("input", { type: "number", step: "any", "aria-label": `${one.name} (${one.unit})` });
+  const id = `slider-${one.name}`, exact = made("input", { type: "number", step: "any", "aria-label": withUnit(one.name, one.unit) });
   const range = made("input", { type: "range", id, min: String(one.lower < 0 ? -STEPS : 0), max: String(STEPS), step: "1", title: one.meaning });
-  const told = () => { exact.value = String(+one.value.toPrecision(4)); range.setAttribute("aria-valuetext", `${number(one.value)} ${one.unit}`); };
+  const told = () => { exact.value = String(+one.value.toPrecision(4)); range.setAttribute("aria-valuetext", withUnit(number(one.value), one.unit)); };
   range.value = String(Math.round(stepOf(one)));
   told();
   range.addEventListener("input", () => { one.value = valueAt(one, Number(range.value)); told(); moved(); });
@@ -58,7 +58,7 @@ function slider(one: Value): HTMLElement {
     told();
     moved();
   });
-  return made("div", { className: "slider" }, made("label", { for: id }, one.name.replaceAll("_", " ")), range, made("span", {}, exact, ` ${one.unit}`));
+  return made("div", { className: "slider" }, made("label", { for: id }, one.name.replaceAll("_", " ")), range, made("span", {}, exact, withUnit("", one.unit)));
 }
 
 function moved(): void {

@@ -3,7 +3,7 @@ import { needsAuthorization, post, read, works } from "./api";
 import { bar, interval } from "./bars";
 import { effect } from "./data";
 import { drawing } from "./drawings";
-import { made, milli, number, short } from "./dom";
+import { made, milli, number, short, withUnit } from "./dom";
 import { begin, words, type Job } from "./jobs";
 import { lines as sketch } from "./sketch";
 import { select } from "./state";
@@ -47,8 +47,8 @@ const inHundred = (probability: number) => (probability > 0.995 ? "more than 99 
 function card(finding: any, job: Job, first: boolean): HTMLElement {
   const known = effect(finding.effect), title = capital(known?.title ?? finding.effect);
   const values = Object.entries<any>(finding.parameters).map(([name, one]) => made("div", { className: "value" },
-    made("div", {}, made("span", {}, name), interval(one.value, one.ci95, one.lower, one.upper), made("b", {}, `${number(one.value)} ${one.unit}`)),
-    made("p", { className: "soft" }, one.ci95 ? `95 %: ${number(one.ci95[0])} to ${number(one.ci95[1])} ${one.unit}${one.at_bound ? ", on its bound" : ""}` : "no interval known")));
+    made("div", {}, made("span", {}, name), interval(one.value, one.ci95, one.lower, one.upper), made("b", {}, withUnit(number(one.value), one.unit))),
+    made("p", { className: "soft" }, one.ci95 ? `95 %: ${withUnit(`${number(one.ci95[0])} to ${number(one.ci95[1])}`, one.unit)}${one.at_bound ? ", on its bound" : ""}` : "no interval known")));
   const add = needsAuthorization(made("button", { type: "button", className: first ? "primary" : "", "data-add": finding.effect }, `Add ${finding.effect.replaceAll("_", " ")} to the twin`));
   works(add, async () => {
     select({ version: job.about.version });

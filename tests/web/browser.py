@@ -14,6 +14,8 @@ from typing import Any
 
 from websockets.sync.client import ClientConnection, connect
 
+from tests.web.tab import Left, Tab
+
 _FLAGS = (
     "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run",
     "--disable-background-networking", "--disable-component-update", "--remote-debugging-port=0",
@@ -21,15 +23,12 @@ _FLAGS = (
     "--enable-unsafe-swiftshader",
 )  # fmt: skip
 _START_S = 30.0
+_CODES = {"Enter": 13, "Tab": 9, "Escape": 27, "ArrowRight": 39, "ArrowLeft": 37, "ArrowDown": 40, "End": 35}
 
 
 def chromium() -> str | None:
     """The browser of this machine."""
     return next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-
-
-class Left(AssertionError):
-    """The page went while it was asked."""
 
 
 class Browser:
@@ -38,7 +37,7 @@ class Browser:
     def __init__(self, program: str, folder: Path) -> None:
         command = [program, *_FLAGS, f"--user-data-dir={folder}", "about:blank"]
         self._process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        self._tabs: list[Tab] = []
+        self._tabs: list[ChromiumTab] = []
         self._port_file = folder / "DevToolsActivePort"
         self._control: ClientConnection | None = None
         self._sockets = ExitStack()
@@ -55,13 +54,13 @@ class Browser:
         self._control = self._sockets.enter_context(connect(self._host + lines[1], max_size=None))
         return self
 
-    def open(self, address: str) -> Tab:
+    def open(self, address: str) -> ChromiumTab:
         assert self._control is not None
         self._control.send(json.dumps({"id": 1, "method": "Target.createTarget", "params": {"url": "about:blank"}}))
         while (answer := json.loads(self._control.recv(timeout=_START_S))).get("id") != 1:
             pass
         page = f"{self._host}/devtools/page/{answer['result']['targetId']}"
-        tab = Tab(self._sockets.enter_context(connect(page, max_size=None)))
+        tab = ChromiumTab(self._sockets.enter_context(connect(page, max_size=None)))
         self._tabs.append(tab)
         tab.go(address)
         return tab
@@ -74,13 +73,14 @@ class Browser:
         self._process.wait(10)
 
 
-class Tab:
-    """One page: runs expressions in it, waits for them to become true, and keeps what its console said."""
+class ChromiumTab(Tab):
+    """One page of Chromium."""
 
     def __init__(self, socket: ClientConnection) -> None:
-        self.console: list[str] = []
+        super().__init__()
         self._socket = socket
         self._numbers = itertools.count(1)
+        self._chooser: int | None = None
         for domain in ("Page", "Runtime", "Log"):
             self.call(f"{domain}.enable")
         self.call("Emulation.setFocusEmulationEnabled", enabled=True)  # keys reach a tab behind another one
@@ -109,44 +109,67 @@ class Tab:
             if "GL Driver Message" in told["entry"]["text"]:
                 return  # how fast it draws without a graphics card
             self.console.append(f"{told['entry']['text']} {told['entry'].get('url', '')}")
+        elif event.get("method") == "Page.fileChooserOpened":
+            self._chooser = told["backendNodeId"]
+
+    def before_each_page(self, script: str) -> None:
+        self.call("Page.addScriptToEvaluateOnNewDocument", source=script)
 
     def go(self, address: str) -> None:
         self.call("Page.navigate", url=address)
 
+    def reload(self) -> None:
+        self.call("Page.reload")
+
     def run(self, expression: str) -> Any:
-        """The value of an expression; a promise is waited for."""
         answer = self.call("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
 
-    def until(self, expression: str, timeout_s: float = 20.0) -> Any:
-        """The first true value of an expression, which may fail while the page is being loaded."""
-        guarded = f"(() => {{ try {{ return {expression} }} catch {{ return null }} }})()"
-        deadline_s = time.monotonic() + timeout_s
-        while not (value := self._try(guarded)):
-            assert time.monotonic() < deadline_s, f"not within {timeout_s:g} s: {expression}\n{self.text()[-3000:]}"
-            time.sleep(0.1)
-        return value
-
-    def _try(self, expression: str) -> Any:
-        try:
-            return self.run(expression)
-        except Left:
-            return None
-
-    def text(self) -> str:
-        return str(self.run("document.body ? document.body.innerText : ''"))
-
-    def click(self, selector: str) -> None:
-        """Clicks as soon as there is something to click."""
-        found = f"document.querySelector({json.dumps(selector)})"
-        self.until(f"{found} && !{found}.disabled")
-        self.run(f"{found}.click()")
-
     def key(self, key: str) -> None:
+        code = {"windowsVirtualKeyCode": _CODES[key], "code": key} if key in _CODES else {}
         for kind in ("keyDown", "keyUp"):
-            text = {"text": key} if kind == "keyDown" and len(key) == 1 else {}
-            self.call("Input.dispatchKeyEvent", type=kind, key=key, **text)
+            text = "\r" if key == "Enter" else key if len(key) == 1 else ""
+            typed = {"text": text} if kind == "keyDown" and text else {}
+            self.call("Input.dispatchKeyEvent", type=kind, key=key, **typed, **code)
+
+    def write(self, text: str) -> None:
+        self.call("Input.insertText", text=text)
+
+    def press_at(self, x: float, y: float) -> None:
+        for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
+            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+
+    def keep_choosers_closed(self) -> None:
+        """From now on a chooser of files waits for `choose_file` instead of showing its dialog."""
+        self.call("Page.setInterceptFileChooserDialog", enabled=True)
+
+    def choose_file(self, path: Path) -> None:
+        for _ in range(100):
+            if self._chooser is not None:
+                break
+            self.run("0")  # reads what has happened
+            time.sleep(0.05)
+        assert self._chooser is not None, "the page opened no chooser of files"
+        self.call("DOM.enable")
+        self.call("DOM.setFileInputFiles", files=[str(path)], backendNodeId=self._chooser)
+        self._chooser = None
+
+    def drop(self, path: Path, x: float = 600.0, y: float = 400.0) -> None:
+        """Drags a file of the disk over the page and lets it fall."""
+        data = {"items": [], "files": [str(path)], "dragOperationsMask": 1}
+        for kind in ("dragEnter", "dragOver", "drop"):
+            self.call("Input.dispatchDragEvent", type=kind, x=x, y=y, data=data)
+
+    def screen(self, width: int, height: int) -> None:
+        phone = width < 600
+        self.call(
+            "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1 + phone, mobile=phone
+        )
+
+    def colours(self, scheme: str) -> None:
+        """What the system prefers: 'light' or 'dark'."""
+        self.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
 
     def picture(self, path: Path) -> None:
         path.write_bytes(base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"]))

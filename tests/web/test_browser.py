@@ -11,7 +11,8 @@ import pytest
 
 from tests.processes.conftest import Twin
 from tests.simulation.made import worn_finger
-from tests.web.browser import Browser, Tab
+from tests.web.browser import Browser
+from tests.web.tab import Tab
 from twin_daemon.hand import load_hand
 from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
@@ -169,7 +170,7 @@ def test_the_story(workbench: Any, processes: Twin, browser: Browser, worn: Path
     assert "it follows the worn finger" in processes.run("versions", "show", version)[1]
 
     viewer.until(f"{shown('about')}.includes('{version[:12]}')", 30.0)  # the daemon has taken it up
-    tab.call("Page.reload")
+    tab.reload()
     tab.until(mark("ready"))
     show(tab, "history")  # at once: the daemon goes back by itself from what does worse on this other hand
     tab.until(f"document.querySelector('#versions tr.current').innerText.includes('{version[:12]}')")

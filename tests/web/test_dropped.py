@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 
 from tests.simulation.made import worn_finger
-from tests.web.browser import Browser, Tab
+from tests.web.browser import Browser
+from tests.web.tab import Tab
 from tests.web.test_browser import mark, show, shown
 from twin_daemon.hand import load_hand
 from twin_daemon.simulation.twin import TwinModel
@@ -60,9 +61,9 @@ def test_the_keyboard_alone_reaches_joints_panels_steps_and_moments(
     def command(words: str) -> None:
         tab.key("?")
         tab.until("document.getElementById('palette').open")
-        tab.call("Input.insertText", text=words)
+        tab.write(words)
         tab.until("document.querySelectorAll('#palette-list li').length > 0")
-        tab.call("Input.dispatchKeyEvent", type="keyDown", key="Enter", code="Enter", windowsVirtualKeyCode=13)
+        tab.key("Enter")
         tab.until("!document.getElementById('palette').open")
 
     command("open worn")
@@ -76,10 +77,10 @@ def test_the_keyboard_alone_reaches_joints_panels_steps_and_moments(
     command("colours: light")
     tab.until(f"{mark('theme')} === 'light'")
     tab.run("document.getElementById('timeline-canvas').focus()")
-    tab.call("Input.dispatchKeyEvent", type="keyDown", key="End", code="End", windowsVirtualKeyCode=35)
+    tab.key("End")
     tab.until("document.getElementById('time').innerText.startsWith('5.50 /')")
     tab.until("location.hash.includes('t=5.5')")
-    tab.call("Page.reload")
+    tab.reload()
     tab.until(mark("judged"), 60.0)
     assert tab.run("document.querySelector('.chart').dataset.joint") == "rh_FFJ2", "the address keeps the selection"
     assert tab.run("document.getElementById('time').innerText").startswith("5.50 /")
@@ -101,7 +102,7 @@ def test_nothing_of_the_page_breaks_a_rule_of_accessibility(workbench: Any, brow
         return list(tab.run(f"axe.run(document, {RULES}).then((found) => {named})"))
 
     for theme in ("dark", "light"):
-        tab.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": theme}])
+        tab.colours(theme)
         tab.until(f"{mark('theme')} === {json.dumps(theme)}")
         assert broken() == [], theme
         if theme == "dark":

@@ -15,7 +15,7 @@ import zenoh
 
 from bridges.zenoh.session import session_config
 from tests.processes.conftest import Twin
-from tests.web.browser import Browser, Tab
+from tests.web.browser import Browser, ChromiumTab
 from twin_daemon.daemon import cdr
 from twin_daemon.daemon.messages import JointSample
 from twin_daemon.hand import load_hand
@@ -27,7 +27,7 @@ A_SECOND = max(3000.0, HOUR / 600.0)
 SHOWN_S = 10.0
 
 
-def used(tab: Tab) -> tuple[float, float, int]:
+def used(tab: ChromiumTab) -> tuple[float, float, int]:
     """(heap in MB, what is on the page, points that it keeps), once the rubbish is gone."""
     tab.call("HeapProfiler.collectGarbage")
     heap = tab.call("Runtime.getHeapUsage")["usedSize"] / 1e6

@@ -33,7 +33,7 @@ def test_nothing_is_wider_than_a_phone_and_errors_go_with_success(
     )
     VersionStore(hand.name).add(draft, twin.mjcf(), alias="candidate")
     tab = browser.open("about:blank")
-    tab.call("Emulation.setDeviceMetricsOverride", width=WIDTH, height=844, deviceScaleFactor=2, mobile=True)
+    tab.screen(WIDTH, 844)
     tab.go(workbench("--folder", str(tmp_path)).page)
     tab.until(mark("ready"))
     panels = tab.run("[...document.querySelectorAll('#one-panel [data-panel]')].map((one) => one.dataset.panel)")

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from tests.simulation.made import worn_finger
-from tests.web.browser import Browser, Tab
+from tests.web.browser import Browser
+from tests.web.tab import Tab
 from tests.web.test_browser import choose, mark, open_source, picture, show, shown
 from twin_daemon.hand import load_hand
 from twin_daemon.simulation.terms import Terms
@@ -63,7 +64,7 @@ def plots(tab: Tab) -> None:
     tab.run("document.getElementById('joined').focus()")
     tab.key("m")
     tab.key("+")
-    tab.call("Input.dispatchKeyEvent", type="keyDown", key="ArrowRight", code="ArrowRight", windowsVirtualKeyCode=39)
+    tab.key("ArrowRight")
     tab.until(f"/Δ -?[0-9.]+ s .*measured Δ .* rad, residual Δ .* mrad/.test({shown('cursor-at')})")
     tab.key("0")
     tab.run(

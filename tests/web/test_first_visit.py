@@ -1,0 +1,98 @@
+"""From an empty state folder to a version in use: by pointer, by keyboard, on a phone, in both browsers."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.web.browser import Browser
+from tests.web.conftest import Workbench
+from tests.web.firefox import Firefox, firefox
+from tests.web.visit import AXE, JOINT, PLAY_RAD, Found, Visit, broken_rules, loose_finger, mark
+from twin_daemon.versions import VersionStore
+
+MOST_CLICKS = 6
+
+
+@pytest.fixture
+def fox(tmp_path: Path) -> Iterator[Firefox]:
+    program = firefox()
+    if program is None:
+        pytest.skip("no Firefox on this machine (Debian: apt install firefox-esr)")
+    with Firefox(program, tmp_path / "firefox") as running:
+        yield running
+
+
+def visit(served: Workbench, tab: Any, name: str) -> Visit:
+    folder = os.environ.get("TWIN_PICTURES")
+
+    def picture(moment: str) -> None:
+        if folder:
+            tab.picture(Path(folder) / f"visit-{name}-{moment}.png")
+
+    return Visit(tab, served.ask, picture, rules=AXE.exists())
+
+
+def as_it_should_be(found: Found) -> None:
+    assert (found.effect, found.place) == ("backlash", JOINT)
+    assert found.gap_rad == pytest.approx(PLAY_RAD, rel=0.05)
+    assert found.gap_ci95_rad[0] <= PLAY_RAD <= found.gap_ci95_rad[1]
+    assert found.left < 0.1, "rms on held-out motion, of what it was"
+    assert VersionStore("shadow_hand").resolve("current").id == found.version
+    assert found.axe == []
+    assert found.violations == []
+    assert found.console == []
+    assert found.too_wide == []
+
+
+@pytest.mark.slow
+def test_a_bag_is_dropped_and_six_clicks_later_its_play_is_in_use(
+    workbench: Any, browser: Browser, tmp_path: Path
+) -> None:
+    served, tab = workbench(), browser.open("about:blank")
+    found = visit(served, tab, "pointer").by_pointer(served.page, loose_finger(tmp_path / "loose_finger.mcap"))
+    as_it_should_be(found)
+    assert found.clicks <= MOST_CLICKS
+    assert found.beside_s < 120.0, "fifteen on a machine of its own"
+
+
+@pytest.mark.slow
+def test_the_keyboard_alone_gets_there(workbench: Any, browser: Browser, tmp_path: Path) -> None:
+    served, tab = workbench(), browser.open("about:blank")
+    found = visit(served, tab, "keyboard").by_keyboard(served.page, loose_finger(tmp_path / "loose_finger.mcap"))
+    as_it_should_be(found)
+    assert found.clicks == 0
+
+
+@pytest.mark.slow
+def test_a_phone_gets_there(workbench: Any, browser: Browser, tmp_path: Path) -> None:
+    served, tab = workbench(), browser.open("about:blank")
+    found = visit(served, tab, "phone").on_a_phone(served.page, loose_finger(tmp_path / "loose_finger.mcap"))
+    as_it_should_be(found)
+    assert found.clicks <= MOST_CLICKS
+
+
+@pytest.mark.slow
+def test_firefox_gets_there(workbench: Any, fox: Firefox, tmp_path: Path) -> None:
+    served, tab = workbench(), fox.open("about:blank")
+    found = visit(served, tab, "firefox").by_pointer(served.page, loose_finger(tmp_path / "loose_finger.mcap"))
+    as_it_should_be(found)
+    assert found.clicks <= MOST_CLICKS
+
+
+def test_firefox_shows_a_recording_as_chromium_does(workbench: Any, fox: Firefox, tmp_path: Path) -> None:
+    bag = loose_finger(tmp_path / "loose_finger.mcap")
+    tab = fox.open(workbench("--recording", str(bag)).page)
+    tab.until(mark("ready"), 60.0)
+    tab.press("[data-source]:not([data-source=live])")
+    tab.until(mark("judged"), 60.0)
+    tab.until(f"document.querySelector('.chart').dataset.joint === '{JOINT}'")
+    tab.until("document.querySelectorAll('.chart canvas').length === 2")
+    tab.until("document.querySelectorAll('.dependence .points').length === 8", 60.0)
+    if AXE.exists():
+        assert broken_rules(tab) == []
+    assert tab.console == []
