@@ -83,6 +83,7 @@ def since(model: Path) -> Callable[..., dict[str, Any]]:
     [
         ("damping", 1.3, "viscous_friction"),
         ("frictionloss", 1.6, "coulomb_friction"),
+        ("kp", 0.75, "actuator_gain"),
     ],
 )
 @pytest.mark.slow
@@ -101,6 +102,9 @@ def test_a_parameter_that_has_changed_is_named_with_how_much(
     assert found["verdict"] in ("explained", "ambiguous")
     first = found["findings"][0]
     assert (first["effect"], first["joints"]) == (effect, [JOINT])
+    rivals = {rival.partition(":")[0] for rival in change["rivals"]}
+    assert rivals <= ({"tendon_elasticity"} if kind == "kp" else set()), "in series with a servo a tendon yields alike"
+    assert change["remedy"]
 
 
 def test_where_nothing_has_changed_nothing_is_named_and_what_would_have_been_seen_is_said(

@@ -24,7 +24,7 @@ class Change(_Said):
 
     `before` and `now` are in `unit`; `ratio` is now over before, unknown where there was none of it. `probability` is
     that this has changed, `rivals` what explains the same. `first_seen` is when the first recording that shows it
-    began, UTC.
+    began, UTC; `remedy` what to do about it.
     """
 
     effect: str
@@ -39,6 +39,7 @@ class Change(_Said):
     rivals: tuple[str, ...] = ()
     first_seen: str | None = None
     words: str
+    remedy: str = ""
 
 
 class Unchanged(_Said):

@@ -98,6 +98,7 @@ def _change(group: GroupFound, index: int, first_seen: str) -> Change:
         rivals=tuple(_place(group.quantities[i]) for i in group.rivals[index]),
         first_seen=first_seen,
         words=_words(quantity, before, now, ratio, first_seen, probability),
+        remedy=LIBRARY[quantity.effect].story.remedy,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from twin_daemon.changes.healthy_model import settled
 from twin_daemon.changes.joint_fit import Fit, Pair
 from twin_daemon.changes.quantities import Quantity, quantities
+from twin_daemon.changes.sag import softer_tendons
 from twin_daemon.changes.sessions import Session
 from twin_daemon.changes.thresholds import (
     APPEARS,
@@ -20,6 +21,7 @@ from twin_daemon.changes.thresholds import (
     MOST_CHANGES,
     NAMED,
     NOTHING_CHANGED,
+    ROUGH,
     SEEN,
     TOLD_APART_NATS,
     WORTH_REFITTING,
@@ -87,7 +89,7 @@ def search_group(reduced: Reduced, sessions: Sessions, candidates: int, believed
     price = float(np.log((1.0 - NOTHING_CHANGED) / NOTHING_CHANGED / max(candidates, 1)))
     found = _select(reduced.name, pair, start, price)
     if sessions.held:
-        found.held_squares = _held_squares(found, _session(twin, sessions.held, joints, every, floor))
+        found.held_squares = _held_squares(found, _session(twin, sessions.held, joints, found.quantities, floor))
     return found
 
 
@@ -112,6 +114,7 @@ def _select(name: str, pair: Pair, start: Fit | None, price: float) -> GroupFoun
     probability: dict[int, float] = {}
     evidence: dict[int, float] = {}
     rivals: dict[int, tuple[int, ...]] = {}
+    apart = max(float(TOLD_APART_NATS), ROUGH * pair.roughness(found))
     for _ in range(MOST_CHANGES):
         fits, odds = _tried(found, start if not chosen else None, chosen, price)
         total = float(np.logaddexp.reduce([0.0, *odds.values()]))
@@ -124,7 +127,7 @@ def _select(name: str, pair: Pair, start: Fit | None, price: float) -> GroupFoun
         if chosen and gained < FURTHER_SHARE * evidence[chosen[0]]:
             break
         rivals[best] = tuple(
-            i for i, f in fits.items() if i != best and fits[best].log_evidence - f.log_evidence < TOLD_APART_NATS
+            i for i, f in fits.items() if i != best and fits[best].log_evidence - f.log_evidence < apart
         )
         evidence[best] = gained
         chosen, found = (*chosen, best), fits[best]
@@ -132,7 +135,7 @@ def _select(name: str, pair: Pair, start: Fit | None, price: float) -> GroupFoun
     return GroupFound(
         name,
         pair.now.joints,
-        pair.now.quantities,
+        found.pair.now.quantities,
         found,
         chosen,
         probability,
@@ -186,27 +189,29 @@ def _tried(
     smooth = [i for i in worth if not pair.now.quantities[i].grows][:FINALISTS]
     rough = [i for i in worth if pair.now.quantities[i].grows]
     best = -np.inf
-    for index in (*smooth, *rough, *_same_sag(pair, smooth, set(begun) - set(rough))):
+    for index in (*smooth, *rough):
         changed = (*chosen, index)
         begins = [_refitted(origin, changed, index, FIRST_ROUNDS) for origin in begun[index]]
         found = max(begins, key=lambda one: one.log_evidence)
         if found.log_evidence > best - COMPARABLE_NATS:
             found = found.pair.fit(changed, found)
         fits[index], best = found, max(best, found.log_evidence)
-        gained = found.log_evidence - fit.log_evidence
-        if gained > 0.0:
-            # against the same model of both sessions without the change, too: what it adds to both is no change
-            none = found.pair.fit(chosen, found, FIRST_ROUNDS)
-            gained = min(gained, found.log_evidence - none.log_evidence)
-        posterior[index] = gained + priors[index]
+    for index, found in softer_tendons(fits, chosen).items():
+        if index not in fits or found.log_evidence > fits[index].log_evidence:
+            if found.log_evidence > best - COMPARABLE_NATS:
+                found = found.pair.fit((*chosen, index), found)
+            fits[index] = found
+            priors[index] = price + (0.0 if _is_present(pair, index) else float(np.log(APPEARS)))
+    none = _best_without(fit, fits.values(), chosen)
+    posterior |= {index: found.log_evidence - none + priors[index] for index, found in fits.items()}
     return fits, posterior
 
 
-def _same_sag(pair: Pair, refitted: Sequence[int], others: set[int]) -> list[int]:
-    """The elastic tendon of each servo whose gain is refitted: but for what its motor does by itself it is the same."""
-    every = pair.now.quantities
-    servos = {every[i].target for i in refitted if every[i].effect == "actuator_gain"}
-    return [i for i in sorted(others) if every[i].effect == "tendon_elasticity" and every[i].target in servos]
+def _best_without(fit: Fit, fits: Collection[Fit], chosen: tuple[int, ...]) -> float:
+    """Log evidence of the best that is found without a further change: what one adds to both sessions is no change, and
+    from where it has come to the way down without it may be open."""
+    better = [one for one in fits if one.log_evidence > fit.log_evidence]
+    return max([fit.log_evidence, *(one.pair.fit(chosen, one, FIRST_ROUNDS).log_evidence for one in better)])
 
 
 def _refitted(origin: Fit, changed: tuple[int, ...], index: int, rounds: int) -> Fit:

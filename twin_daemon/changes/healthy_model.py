@@ -5,7 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from twin_daemon.changes.joint_fit import Fit, Pair
-from twin_daemon.changes.thresholds import FINALISTS, MOST_PRESENT, PRESENT_NATS, PRESENT_SHARE, WITHIN
+from twin_daemon.changes.thresholds import (
+    FINALISTS,
+    FIRST_ROUNDS,
+    MOST_PRESENT,
+    PRESENT_NATS,
+    PRESENT_SHARE,
+    PRESENT_START,
+    WITHIN,
+)
 
 
 def settled(pair: Pair) -> tuple[Pair, Fit | None]:
@@ -62,18 +70,36 @@ def _with_columns(alone: Pair, fit: Fit) -> Fit:
 
 
 def _with_another(alone: Pair, fit: Fit) -> Fit | None:
-    """The earlier session with one more effect in its model, if that takes away much of what is above the floor."""
+    """The earlier session with one more effect in its model, if that takes away much of what is above the floor.
+
+    Every effect is begun where the fit without it promises it, and beside the model's own values: without it others
+    have made up for it, and from where those have come to the way back may be closed.
+    """
     assert alone.before is not None
-    above = float((fit.rows**2).sum()) > WITHIN * alone.before.floor_cost
-    gains: dict[int, float] = {}
+    if float((fit.rows**2).sum()) <= WITHIN * alone.before.floor_cost:
+        return None
+    raced: list[Fit] = []
     for index, quantity in enumerate(alone.now.quantities):
-        if above and quantity.grows and index not in alone.now.active:
-            aim, evidence = fit.expected((index,))
-            if aim[index] > 0.0 and evidence - fit.log_evidence > PRESENT_NATS:
-                gains[index] = evidence
-    found: list[Fit] = []
-    for index in sorted(gains, key=lambda i: -gains[i])[:FINALISTS]:
-        begun = Fit(alone, fit.expected((index,))[0], fit.rows, fit.slopes, fit.changed)
-        found.append(alone.with_active(alone.now.active | {index}).fit((), begun))
-    best = min(found, key=lambda one: one.cost, default=None)
-    return best if best is not None and best.cost < PRESENT_SHARE * fit.cost else None
+        if quantity.grows and index not in alone.now.active:
+            begun = [_begun(alone, point, index) for point in _starts(alone, fit, index)]
+            raced += [one.pair.fit((), one, FIRST_ROUNDS) for one in begun if np.isfinite(one.cost)]
+    raced.sort(key=lambda one: one.cost)
+    best = min((one.pair.fit((), one) for one in raced[:FINALISTS]), key=lambda one: one.cost, default=None)
+    if best is None or best.cost >= PRESENT_SHARE * fit.cost:
+        return None
+    return best if best.log_evidence > fit.log_evidence + PRESENT_NATS else None
+
+
+def _starts(alone: Pair, fit: Fit, index: int) -> list[np.ndarray]:
+    """Points from which an effect is fitted to the earlier session."""
+    promised = fit.expected((index,))[0]
+    beside = np.where(np.arange(len(fit.point)) < alone.count, alone.start, fit.point)
+    beside[list(alone.now.active)] = fit.point[list(alone.now.active)]
+    beside[index] = PRESENT_START
+    return [*([promised] if promised[index] > 0.0 else []), beside]
+
+
+def _begun(alone: Pair, point: np.ndarray, index: int) -> Fit:
+    there = alone.with_active(alone.now.active | {index})
+    rows = there.rows(point)
+    return Fit(there, point, rows, there.slopes(point, rows), frozenset())

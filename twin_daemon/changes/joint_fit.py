@@ -12,8 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin_daemon.changes.quantities import Quantity
 from twin_daemon.changes.sessions import Session
-from twin_daemon.changes.thresholds import ABSENT, LONGEST_STEP_SIGMA, ROUNDS, SETTLED_NATS, STEP_SHARES
+from twin_daemon.changes.thresholds import ABSENT, DRAWN, NEARBY, ROUNDS, SETTLED_NATS
+from twin_daemon.estimation.solvers.trust_region import bounded_step
+from twin_daemon.estimation.thresholds import GOOD_AGREEMENT, LEAST_AGREEMENT, SHRINK, SMALLEST_RADIUS
 
 
 @dataclass(frozen=True)
@@ -107,6 +110,11 @@ class Pair:
         before = self.before.with_active(active) if self.before else None
         return Pair(before, self.now.with_active(active), self.means[: self.count], self._shared)
 
+    def with_quantity(self, index: int, quantity: Quantity) -> Pair:
+        """The same with another law at the place of one quantity."""
+        before = self.before.with_quantity(index, quantity) if self.before else None
+        return Pair(before, self.now.with_quantity(index, quantity), self.means[: self.count], self._shared)
+
     def baseline_only(self) -> Pair:
         """The earlier session alone, as a pair that has no later one to explain."""
         assert self.before is not None
@@ -148,25 +156,53 @@ class Pair:
             slopes = self.slopes(point, rows)
         else:
             point, rows, slopes = begun.point, begun.rows, begun.slopes
-        fit = Fit(self, point, rows, slopes, changed)
+        fit, radius = Fit(self, point, rows, slopes, changed), 1.0
         for _ in range(rounds):
-            step, best = fit.expected(changed)[0] - fit.point, None
-            # by no more than shared values are uncertain: a valley, such as of all torques together, is long and bent
-            longest = float(np.abs(step[: self.count] / self._shared).max(initial=0.0))
-            step /= max(1.0, longest / LONGEST_STEP_SIGMA)
-            for share in STEP_SHARES:
-                point = self._within(fit.point + share * step)
-                trial = Fit(self, point, self.rows(point), fit.slopes, changed)
-                if trial.cost < fit.cost:
-                    best = trial
-                    break
-            if best is None:
+            found, radius = self._stepped(fit, radius)
+            if found is None:
                 break
-            gained = fit.cost - best.cost
-            fit = Fit(self, best.point, best.rows, self.slopes(best.point, best.rows), changed)
+            gained = fit.cost - found.cost
+            fit = Fit(self, found.point, found.rows, self.slopes(found.point, found.rows), changed)
             if gained < 2.0 * SETTLED_NATS:
                 break
         return fit
+
+    def roughness(self, fit: Fit) -> float:
+        """Nats by which the evidence scatters between points that are as good as the same, about a fit.
+
+        What sticks and slips makes corners in the cost, and two descents that end on either side of one differ by it.
+        """
+        spread = np.sqrt(np.diag(fit.covariance))
+        draws = NEARBY * np.random.default_rng(0).standard_normal((int(DRAWN), len(fit.point)))
+        points = [self._within(fit.point + spread * draw) for draw in draws]
+        costs = [Fit(self, point, self.rows(point), fit.slopes, fit.changed).cost for point in points]
+        return 0.5 * float(np.sqrt(np.mean((np.array(costs) - fit.cost) ** 2)))
+
+    def _stepped(self, fit: Fit, radius: float) -> tuple[Fit | None, float]:
+        """(where the next step of a descent ends that gains anything, if one does; the radius of the next one).
+
+        Steps are Gauss-Newton's within a box of so many sigmas of the priors: friction makes the cost rough, and a
+        valley, such as of all torques together, is long and bent.
+        """
+        scale = self.sigmas(fit.changed)
+        slopes = np.concatenate([fit.slopes * scale, np.eye(len(scale))])
+        rows = np.concatenate([fit.rows, (fit.point - self.means) / scale])
+        low = np.full(len(scale), -np.inf)
+        low[list(self.now.active)] = -fit.point[list(self.now.active)] / scale[list(self.now.active)]
+        while radius > SMALLEST_RADIUS:
+            step, expected = bounded_step(slopes, rows, (low, np.full(len(scale), np.inf)), radius)
+            point = self._within(fit.point + scale * step)
+            trial = Fit(self, point, self.rows(point), fit.slopes, fit.changed)
+            gained = fit.cost - trial.cost
+            if gained > GOOD_AGREEMENT * expected:
+                return trial, 2.0 * radius
+            if not gained >= LEAST_AGREEMENT * expected:
+                radius = SHRINK * min(radius, float(np.abs(step).max(initial=0.0)))
+            if gained > 0.0:
+                return trial, radius
+            if expected < 2.0 * SETTLED_NATS:
+                break
+        return None, radius
 
     def _within(self, point: np.ndarray) -> np.ndarray:
         """A point at which no effect in the models is below none, in either session."""

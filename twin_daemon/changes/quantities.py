@@ -51,6 +51,7 @@ class Quantity:
     spike: float = SPIKE
     slab: float = SLAB
     visible: float = VISIBLE
+    motor_share: float = MOTOR_SHARE
 
     @property
     def is_parameter(self) -> bool:
@@ -76,9 +77,9 @@ class Quantity:
         assert self.parameter is not None
         values = effect.neutral() | {p.name: p.default for p in effect.parameters if p.log or p.held}
         if "motor_share" in values:
-            values["motor_share"] = float(MOTOR_SHARE)
+            values["motor_share"] = float(self.motor_share)
         values[self.parameter] = effect.neutral()[self.parameter] if amount is None else amount
-        return EffectTerm(effect=self.effect, target=self.target, values=effect.clipped(effect.complete(values)))
+        return EffectTerm(effect=self.effect, target=self.target, values=effect.complete(effect.clipped(values)))
 
 
 def quantities(twin: TwinModel, joints: Sequence[str], *, known: float = 1.0) -> tuple[Quantity, ...]:

@@ -77,6 +77,14 @@ class Session:
         other.weights = self.weights
         return other
 
+    def with_quantity(self, index: int, quantity: Quantity) -> Session:
+        """The same with another law at the place of one quantity, not looked at yet."""
+        others = tuple(quantity if i == index else one for i, one in enumerate(self.quantities))
+        columns = {i: column for i, column in self.columns.items() if i != index}
+        other = replace(self, quantities=others, columns=columns)
+        other.weights = self.weights
+        return other
+
     # -- residuals -----------------------------------------------------------------------------------------
 
     def gaps(self, points: np.ndarray) -> np.ndarray:

@@ -25,10 +25,6 @@ SLAB_UNITS = Threshold(1.0, "units", "of that size: an effect that has appeared 
 # -- the search ----------------------------------------------------------------------------------------------
 
 ROUNDS = Count(8, "steps", "of Gauss-Newton in roll-outs, at most")
-LONGEST_STEP_SIGMA = Threshold(1.0, "sigma", "of a shared value's prior: no step is longer")
-STEP_SHARES = tuple(
-    Threshold(share, "1", "of a step, tried one after another until one gains") for share in (1.0, 0.5, 0.2, 0.05)
-)
 SETTLED_NATS = Threshold(0.2, "nats", "that a step has to gain to be followed by another")
 PARAMETER_STEP = Threshold(
     0.03, "1", "of the logarithm of a parameter, for a derivative: across what friction roughens"
@@ -37,12 +33,17 @@ EFFECT_STEP = Threshold(0.15, "units", "of an effect's typical size, for its der
 ONSET_STEP_S = Threshold(1e-3, "s", "for the derivative by a delay")
 FINALISTS = Count(2, "changes", "of parameters in a group that are refitted, and every effect that promises anything")
 MOTOR_SHARE = Threshold(0.1, "1", "of armature and damping on the motor's side, where a transmission gives or has play")
+OTHER_SHARES = tuple(
+    Threshold(share, "1", "of them, tried as well where a weaker servo would look like a softer tendon")
+    for share in (0.02, 0.5)
+)
 FIRST_ROUNDS = Count(3, "steps", "of Gauss-Newton after which a change that is far behind is left alone")
 COMPARABLE_NATS = Threshold(30.0, "nats", "behind the best: what is further behind then is not fitted to the end")
 FURTHER_SHARE = Threshold(0.1, "1", "of the first change's evidence that another one at the same joints has to bring")
 MOST_CHANGES = Count(3, "changes", "that are looked for in one group")
 WORTH_REFITTING = Threshold(0.0, "nats", "over no change, to first order: a finalist with less is not refitted")
 PRESENT_NATS = Threshold(8.0, "nats", "of the earlier session's evidence, for an effect to be put into both models")
+PRESENT_START = Threshold(1.0, "units", "of an effect's typical size, from which one of the earlier session is fitted")
 PRESENT_SHARE = Threshold(0.8, "1", "of the cost before: what an effect of both models has to leave at most")
 WITHIN = Threshold(1.5, "floors", "that the earlier session may leave: then no effect is looked for in it")
 MOST_PRESENT = Count(2, "effects", "that are put into it")
@@ -52,6 +53,9 @@ MOST_PRESENT = Count(2, "effects", "that are put into it")
 NAMED = Threshold(0.9, "1", "probability from which a change is called one")
 POSSIBLE = Threshold(0.1, "1", "probability from which another change is said to explain the same")
 TOLD_APART_NATS = Threshold(3.0, "nats", "of evidence by which a change has to beat another that explains the same")
+NEARBY = Threshold(0.1, "sigma", "of the posterior, about a fit: how far points are that are as good as the same")
+DRAWN = Count(8, "points", "there, whose costs say how rough the cost is")
+ROUGH = Threshold(2.0, "1", "times that roughness is the least by which one change has to beat another, too")
 SEEN = Threshold(0.95, "1", "probability that the smallest change which would have been seen would have had")
 VISIBLE = Threshold(
     0.7,

@@ -124,7 +124,7 @@ def descend(
     before = cost
     slopes = derivative(point, rows)
     while spent < evaluations and radius > SMALLEST_RADIUS and not (enough and enough(point, rows)):
-        step, expected = _step(slopes * scale, rows, (-point / scale, (1.0 - point) / scale), radius)
+        step, expected = bounded_step(slopes * scale, rows, (-point / scale, (1.0 - point) / scale), radius)
         trial = np.clip(point + scale * step, 0.0, 1.0)
         spent += 1
         try:
@@ -182,13 +182,14 @@ def one_step(
     """(p,) where the first step of a descent over some of the variables would go."""
     chosen = list(columns)
     scale = _scales(problem, point)[chosen]
-    step, _ = _step(slopes[:, chosen] * scale, rows, (-point[chosen] / scale, (1.0 - point[chosen]) / scale), 1.0)
+    room = (-point[chosen] / scale, (1.0 - point[chosen]) / scale)
+    step, _ = bounded_step(slopes[:, chosen] * scale, rows, room, 1.0)
     moved = point.copy()
     moved[chosen] = np.clip(point[chosen] + scale * step, 0.0, 1.0)
     return moved
 
 
-def _step(
+def bounded_step(
     slopes: np.ndarray, rows: np.ndarray, room: tuple[np.ndarray, np.ndarray], radius: float
 ) -> tuple[np.ndarray, float]:
     """((p,) step in units of the scales, the cost that it should take away) within a box and the trust region."""
