@@ -10,11 +10,11 @@ import typer
 
 from twin_daemon.cli.console import emit_json, people, plain_text, require_folder
 from twin_daemon.cli.options import HandName, Json, Model
-from twin_daemon.cli.versions_care import open_store
 from twin_daemon.tables import slim_table
 
 if TYPE_CHECKING:
-    from twin_daemon.versions.history import Promotion, Series
+    from twin_daemon.versions.history import LeavesBand, Promotion, Series, Step
+    from twin_daemon.versions.trend import Trend
 
 _WEEK_DAYS = 7.0
 
@@ -24,6 +24,10 @@ def history(
         list[str] | None,
         typer.Option("--parameter", metavar="P...", help="Only these: a name, or a part of one such as a joint."),
     ] = None,
+    covariate: Annotated[
+        Path | None,
+        typer.Option("--covariate", metavar="FILE.csv", help="A temperature or load by time that is not wear."),
+    ] = None,
     plot: Annotated[Path | None, typer.Option("--plot", metavar="FILE.html", help="Draw the history.")] = None,
     hand: HandName = None,
     model: Model = None,
@@ -31,15 +35,25 @@ def history(
 ) -> None:
     """Each parameter and each value of an effect, promotion by promotion, with intervals, and where it is heading.
 
-    A straight line is fitted to what was fitted (weighted by the intervals). There is no trend where the slope's
-    interval holds 0. Versions that were rolled back do not count.
+    A level that grows, wanders and may jump is fitted to what was fitted: growth by week, the week of a jump, when a
+    limit of the hand's description is reached. There is no trend where the growth's interval holds 0. Versions that
+    were rolled back do not count.
     """
+    from twin_daemon.hand import load_hand
+    from twin_daemon.versions import VersionStore
+    from twin_daemon.versions.covariate import read_covariate
     from twin_daemon.versions.history import history as histories
     from twin_daemon.versions.history import promotions
 
     require_folder(json, plot)
-    store = open_store(hand, model)
-    series = histories(store, parameter or ())
+    described = load_hand(hand, model)
+    store = VersionStore.of(described)
+    series = histories(
+        store,
+        parameter or (),
+        limits={name: (one.lower, one.upper) for name, one in described.description.limits.items()},
+        covariate=None if covariate is None else read_covariate(covariate),
+    )
     promoted = promotions(store)
     if plot is not None:
         from twin_daemon.figures.history import history_figure
@@ -69,7 +83,11 @@ def _plain(series: Series) -> dict[str, Any]:
             "samples": trend.samples,
             "slope_per_day": trend.slope_per_day,
             "slope_ci95": trend.slope_ci95,
+            "wanders": trend.wanders,
+            "covariate_effect": trend.covariate_effect,
         },
+        "levels": series.levels,
+        "jumps": series.steps,
         "leaves_band": left,
         "words": heading(series),
     }
@@ -80,8 +98,30 @@ def heading(series: Series) -> str:
     trend, left = series.trend, series.leaves_band
     if trend.verdict == "too_few":
         return "too few values for a trend"
-    if trend.verdict == "no_trend" or trend.slope_per_day is None or trend.slope_ci95 is None:
+    if trend.slope_per_day is None or trend.slope_ci95 is None:
         return "no trend"
+    said = [_step(series, one) for one in series.steps]
+    if trend.wanders:
+        said.append(
+            "looks differ by more than their intervals, as by temperature or load: ambiguous"
+            + ("" if trend.covariate_effect else "; --covariate FILE tells them from wear")
+        )
+    if trend.verdict == "no_trend":
+        return "; ".join(["no trend", *said])
+    return "; ".join([_growth(series, trend, left), *said])
+
+
+def _step(series: Series, step: Step) -> str:
+    """One jump in words."""
+    when = step.until.date().isoformat() if step.until else "?"
+    what = "a repair" if step.is_repair else "a jump"
+    return f"{what} by {step.size:+.3g} [{step.ci95[0]:.3g}, {step.ci95[1]:.3g}] in the week to {when}"
+
+
+def _growth(series: Series, trend: Trend, left: LeavesBand | None) -> str:
+    """Growth by week, and when a limit is reached."""
+    assert trend.slope_per_day is not None
+    assert trend.slope_ci95 is not None
     week = [_WEEK_DAYS * slope for slope in (trend.slope_per_day, *trend.slope_ci95)]
     text = f"{week[0]:+.3g} [{week[1]:.3g}, {week[2]:.3g}] a week"
     if left is None:
@@ -115,6 +155,7 @@ def _show(series: Sequence[Series], promoted: Sequence[Promotion], json: str | N
     console.print(table)
     for one in series:
         lived = lifetime(one, promoted)
-        moves = heading(one) if one.trend.verdict in ("rising", "falling") else ""
+        told = one.trend.verdict in ("rising", "falling") or one.steps or one.trend.wanders
+        moves = heading(one) if told else ""
         if lived or moves:
             console.print(plain_text(f"{one.name}: {'; '.join(filter(None, (lived, moves)))}"), soft_wrap=True)

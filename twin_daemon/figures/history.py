@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import timedelta
 
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
@@ -34,7 +33,11 @@ def history_figure(hand: str, series: Sequence[Series]) -> go.Figure:
         figure.add_trace(_points("carried over or set", carried, REFERENCE, "circle-open", row == 1), row=row, col=1)
         line = _line(one)
         if line is not None:
+            figure.add_trace(_band(one), row=row, col=1)
             figure.add_trace(line, row=row, col=1)
+        for step in one.steps:
+            if step.until is not None:
+                figure.add_vline(x=step.until, line={"color": RESIDUAL, "dash": "dot", "width": 1}, row=row, col=1)  # type: ignore[arg-type]
         for bound in one.band:
             if bound is not None and _near(bound, one):
                 figure.add_hline(y=bound, line={"color": MEASURED, "dash": "dot", "width": 1}, row=row, col=1)  # type: ignore[arg-type]
@@ -64,23 +67,38 @@ def _points(name: str, points: Sequence[Point], colour: str, symbol: str, shown:
 
 
 def _line(series: Series) -> go.Scatter | None:
-    """The trend, up to the band where it leaves it within four times the time watched."""
-    trend, start, last = series.trend, series.points[0].at, series.points[-1].at
-    if trend.slope_per_day is None or trend.level is None or trend.day is None:
+    """The smoothed level, on to the band where it leaves that within four times the time watched."""
+    levels, left = series.levels, series.leaves_band
+    if not levels:
         return None
-    days = [0.0, (last - start) / timedelta(days=1)]
-    left = series.leaves_band.at if series.leaves_band else None
-    if left is not None and left - start < 4 * (last - start):
-        days.append((left - start) / timedelta(days=1))
+    shown = [(one.at, one.value) for one in levels]
+    if left is not None and left.at is not None and left.at - shown[0][0] < 4 * (shown[-1][0] - shown[0][0]):
+        shown.append((left.at, left.value))
     return go.Scatter(
-        x=[start + timedelta(days=day) for day in days],
-        y=[trend.level + trend.slope_per_day * (day - trend.day) for day in days],
-        name="trend",
-        legendgroup="trend",
+        x=[at for at, _ in shown],
+        y=[value for _, value in shown],
+        name="level",
+        legendgroup="level",
         showlegend=False,
         mode="lines",
-        line={"color": RESIDUAL, "dash": "solid" if trend.verdict != "no_trend" else "dash", "width": 1.5},
-        hovertemplate="trend %{y:.4g}",
+        line={"color": RESIDUAL, "dash": "solid" if series.trend.verdict != "no_trend" else "dash", "width": 1.5},
+        hovertemplate="level %{y:.4g}",
+    )
+
+
+def _band(series: Series) -> go.Scatter:
+    """The interval of the level, as an area."""
+    levels = series.levels
+    return go.Scatter(
+        x=[one.at for one in levels] + [one.at for one in reversed(levels)],
+        y=[one.ci95[0] for one in levels] + [one.ci95[1] for one in reversed(levels)],
+        name="95 % of the level",
+        legendgroup="level",
+        showlegend=False,
+        mode="none",
+        fill="toself",
+        fillcolor="rgba(128,128,128,0.18)",
+        hoverinfo="skip",
     )
 
 

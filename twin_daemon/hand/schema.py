@@ -177,6 +177,13 @@ class NominalUncertainty(_Strict):
         return getattr(self, "gain" if kind == "kp" else kind)
 
 
+class Limit(_Strict):
+    """Where a value of the hand stops being acceptable, in that value's own unit."""
+
+    lower: Number | None = None
+    upper: Number | None = None
+
+
 class HandDescription(_Strict):
     """A hand: its model, the names in its data, what drives what, its sensors, limits, topics, keys and groups."""
 
@@ -202,6 +209,11 @@ class HandDescription(_Strict):
     nominal_uncertainty: NominalUncertainty = Field(default_factory=NominalUncertainty)
     tolerance_rad: Annotated[float, Field(gt=0, le=1)] | None = None
     """Errors up to this do not matter to a diagnosis; by default what the sensors' noise leaves of a right model."""
+
+    limits: dict[Name, Limit] = Field(default_factory=dict)
+    """By a parameter (FFJ3.damping) or an effect's value (backlash:FFJ3.gap): when the history reaches it is told."""
+    alarm_ratio: Annotated[float, Field(gt=1, allow_inf_nan=False)] = 1.5
+    """So many times what it was, or so much less: a change that recalibration follows is told as an alarm as well."""
 
     def assuming(self, fields: Mapping[str, Any]) -> HandDescription:
         """The same description with other values of some fields; of a section those that are given."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
@@ -50,6 +50,27 @@ class LeavesBand:
 
 
 @dataclass(frozen=True)
+class Level:
+    """Where the smoothed level is at a time, with its 95 % interval."""
+
+    at: datetime
+    value: float
+    ci95: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Step:
+    """A jump between two looks at the hand, by `size` in the series' unit; a repair takes back most of what had
+    gathered."""
+
+    after: datetime | None
+    until: datetime | None
+    size: float
+    ci95: tuple[float, float]
+    is_repair: bool
+
+
+@dataclass(frozen=True)
 class Series:
     """A parameter or a value of an effect over time. `band` is (lower, upper) in `unit`; None where unknown."""
 
@@ -59,6 +80,8 @@ class Series:
     band: tuple[float | None, float | None]
     trend: Trend
     leaves_band: LeavesBand | None
+    levels: tuple[Level, ...] = ()
+    steps: tuple[Step, ...] = ()
 
 
 def promotions(store: VersionStore) -> list[Promotion]:
@@ -78,8 +101,17 @@ def promotions(store: VersionStore) -> list[Promotion]:
     return out
 
 
-def history(store: VersionStore, names: Sequence[str] = ()) -> list[Series]:
-    """All series, or those whose names are given (whole, or a part of them such as a joint). Raises BadInput."""
+def history(
+    store: VersionStore,
+    names: Sequence[str] = (),
+    *,
+    limits: Mapping[str, tuple[float | None, float | None]] | None = None,
+    covariate: Callable[[datetime], float] | None = None,
+) -> list[Series]:
+    """All series, or those whose names are given (whole, or a part of them such as a joint). Raises BadInput.
+
+    `limits` are bands by name that stand in for those of the search; `covariate` tells what else acted at a time.
+    """
     promoted = promotions(store)
     if not promoted:
         raise BadInput(
@@ -97,8 +129,11 @@ def history(store: VersionStore, names: Sequence[str] = ()) -> list[Series]:
             if record.lower is not None or record.upper is not None:
                 bands[name] = (record.lower, record.upper)
     today = max(store.now(), promoted[-1].at)
+    bands |= limits or {}
     return [
-        _series(name, units.get(name, _of_library(name)[0]), points, bands.get(name, _of_library(name)[1]), today)
+        _series(
+            name, units.get(name, _of_library(name)[0]), points, bands.get(name, _of_library(name)[1]), today, covariate
+        )
         for name, points in _chosen(gathered, names).items()
     ]
 
@@ -144,12 +179,27 @@ def _chosen(gathered: dict[str, list[Point]], names: Sequence[str]) -> dict[str,
 
 
 def _series(
-    name: str, unit: str, points: list[Point], band: tuple[float | None, float | None], today: datetime
+    name: str,
+    unit: str,
+    points: list[Point],
+    band: tuple[float | None, float | None],
+    today: datetime,
+    covariate: Callable[[datetime], float] | None,
 ) -> Series:
     start = points[0].at
-    trend = fit_trend([Sample(_days(p.at - start), p.value, p.ci95) for p in _measured(points)])
+    trend = fit_trend(
+        [
+            Sample(_days(p.at - start), p.value, p.ci95, None if covariate is None else covariate(p.at))
+            for p in _measured(points)
+        ]
+    )
     left = leaving(trend, band, _days(today - start))
-    return Series(name, unit, tuple(points), band, trend, None if left is None else _dated(left, start))
+    levels = tuple(Level(start + timedelta(days=day), level, ci95) for day, level, ci95 in trend.band)
+    steps = tuple(
+        Step(_date(start, one.before_day), _date(start, one.day), one.size, one.ci95, one.is_repair)
+        for one in trend.jumps
+    )
+    return Series(name, unit, tuple(points), band, trend, None if left is None else _dated(left, start), levels, steps)
 
 
 def _measured(points: list[Point]) -> list[Point]:
@@ -173,7 +223,7 @@ def _dated(left: Leaving, start: datetime) -> LeavesBand:
 def _date(start: datetime, day: float) -> datetime | None:
     try:
         return start + timedelta(days=day)
-    except OverflowError:
+    except OverflowError:  # infinite as well
         return None
 
 
