@@ -102,6 +102,9 @@ async function open(): Promise<void> {
   const moving = opened!.joints.filter((one) => one.moves).length;
   known.opening = `${opened!.name}: ${opened!.seconds.toFixed(1)} s, ${opened!.samples} samples at ${+opened!.rate_hz.toPrecision(4)} Hz, `
     + `${moving === 1 ? "1 joint moves" : `${moving} joints move`}. Shown after ${((performance.now() - began) / 1e3).toFixed(1)} s.`;
+  // until it is known which joint is the worst, which may take a roll-out of the twin
+  const named = opened!.joints.find((one) => one.name === selection.joint);
+  if (worstOf !== selection.source && !named?.moves) select({ joint: opened!.joints.find((one) => one.moves)?.name ?? selection.joint });
   mark("opened", selection.source);
   tell("opened");
   await judge(wanted);

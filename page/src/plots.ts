@@ -119,6 +119,7 @@ async function fetched(): Promise<void> {
   for (const curve of Object.values(curves)) curve.unit = found.unit;
   besides = other ?? {};
   paint();
+  mark("curves", `${from} ${to}`);
   put(reduced, found.exact ? "Every sample is drawn." : `Reduced: of ${found.samples} samples each chart has the extremes of every stretch.`);
   if (found.pending.length) {
     put(reduced, `${reduced.textContent} The twin is being rolled out under the recorded commands ...`);

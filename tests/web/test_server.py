@@ -26,6 +26,7 @@ from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
 from twin_daemon.versions import Draft, ParameterRecord, VersionStore
 from twin_daemon.web.authorization import looking_token
+from twin_daemon.web.server import listen
 
 
 def test_reading_is_free_and_everything_else_needs_the_token(served: Any) -> None:
@@ -307,3 +308,11 @@ def test_a_link_among_the_recordings_shows_nothing_of_what_it_leads_to(workbench
     for one in [offers[0]["id"], *ids]:
         status, answer = served.ask(f"/api/recording?recording={one}")
         assert (status, "hunter2" in json.dumps(answer)) == (400, False), answer
+
+
+def test_no_answer_waits_for_an_acknowledgement() -> None:
+    """Head and body are sent apart: without this the second waits 40 ms for the receipt of the first."""
+    with listen("127.0.0.1", 0) as listener, socket.create_connection(listener.getsockname()):
+        connection, _ = listener.accept()
+        with connection:
+            assert connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)

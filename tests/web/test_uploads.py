@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
@@ -14,8 +15,11 @@ import pytest
 from tests.processes.conftest import Twin
 from tests.simulation.made import worn_finger
 from tests.web.conftest import Workbench
+from twin_daemon.errors import BadInput
 from twin_daemon.hand import load_hand
 from twin_daemon.simulation.twin import TwinModel
+from twin_daemon.versions import VersionStore
+from twin_daemon.web.model_cache import ModelCache
 
 PIECE = 40_000
 
@@ -74,11 +78,28 @@ def offered(served: Workbench) -> list[str]:
 def test_a_recording_in_pieces_is_offered_and_overwrites_nothing(served: Workbench, folder: Path, bag: bytes) -> None:
     status, answer = sent(served, "../of the lab/run 1.mcap", bag)
     assert (status, answer["name"]) == (200, "run_1.mcap")
-    assert served.ask(f"/api/recording?recording={answer['id']}")[1]["samples"] == 689
+    told = served.ask(f"/api/recording?recording={answer['id']}")[1]
+    assert (told["name"], told["samples"]) == ("run_1", 689)
     assert (folder / "run_1.mcap").read_bytes() == bag
     assert sent(served, "run 1.mcap", bag)[1]["name"] == "run_1-2.mcap"
     assert sorted(offered(served)) == ["run_1-2.mcap", "run_1.mcap"]
     assert list((folder / ".uploads").iterdir()) == []
+
+
+def test_what_was_screened_is_not_read_again_until_the_file_is_another_one(bag: bytes, tmp_path: Path) -> None:
+    hand = load_hand()
+    cache = ModelCache(hand, VersionStore(hand.name))
+    (arrived := tmp_path / "7f-run.mcap").write_bytes(bag)
+    aligned, told, offered = cache.screen(arrived), arrived.stat(), tmp_path / "run.mcap"
+    offered.write_bytes(bytes(len(bag)))  # so that reading it would be seen
+    os.utime(offered, ns=(told.st_atime_ns, told.st_mtime_ns))
+    cache.adopt(aligned, offered, told)
+    recording = cache.recording(offered).recording
+    assert (recording.name, recording.path, len(recording.stamp_ns)) == ("run", offered, 689)
+    offered.touch()
+    with pytest.raises(BadInput, match="not a recording"):
+        cache.recording(offered)
+    cache.close()
 
 
 def test_what_is_no_recording_is_refused_and_gone(served: Workbench, folder: Path, bag: bytes) -> None:

@@ -21,7 +21,7 @@ from twin_daemon.recordings.joint_map import check_joint_map
 from twin_daemon.recordings.joint_state_csv import read_joint_state_csv
 from twin_daemon.recordings.mcap_file import PART
 from twin_daemon.recordings.quality import VALUE_KINDS, Quality, measure_timing
-from twin_daemon.recordings.recording import Recording
+from twin_daemon.recordings.recording import Recording, name_of_file
 from twin_daemon.recordings.rosbag1 import read_ros1
 from twin_daemon.recordings.rosbag2 import read_ros2, storage_files
 
@@ -173,7 +173,7 @@ def _recording(form: _Form, contents: Contents, sha256: str) -> Recording:
         notes=tuple(contents.notes + _warnings(contents)),
     )
     return Recording(
-        name=form.path.name.removesuffix(".gz").rsplit(".", 1)[0] if form.path.is_file() else form.path.resolve().name,
+        name=name_of_file(form.path) if form.path.is_file() else form.path.resolve().name,
         path=form.path,
         sha256=sha256,
         joints=measured.joints,

@@ -93,6 +93,10 @@ class Recording:
             )
         return self._part(rows, list(range(len(self.joints))))
 
+    def linked(self, path: Path) -> Recording:
+        """The same recording as it is called at another path of the same file."""
+        return replace(self, name=name_of_file(path), path=path)
+
     def renamed(self, names: Mapping[str, str]) -> Recording:
         """The same recording with joints and commands renamed; names that are not in `names` stay."""
         commands = self.commands
@@ -114,6 +118,11 @@ class Recording:
             effort=cut(self.effort),
             quality=replace(self.quality, **measure_timing(stamp_ns)),
         )
+
+
+def name_of_file(path: Path) -> str:
+    """What a recording of a single file is called."""
+    return path.name.removesuffix(".gz").rsplit(".", 1)[0]
 
 
 def _freeze(*arrays: np.ndarray | None) -> None:

@@ -78,11 +78,11 @@ def drawn(
     aligned: Aligned,
     column: int,
     chosen: slice,
-    command: Callable[[np.ndarray], np.ndarray],
+    command: Callable[[np.ndarray], np.ndarray] | None,
     twins: Mapping[str, tuple[TwinModel, Comparison]],
 ) -> Drawn:
-    """The curves of a joint's column over samples `chosen`. `command` gives rad at times (k,). Raises BadInput for a
-    filter that the sampling rate does not allow."""
+    """The curves of a joint's column over samples `chosen`. `command` gives rad at times (k,); without it there is
+    none. Raises BadInput for a filter that the sampling rate does not allow."""
     time_s = aligned.time_s
     rate_hz = 1.0 / float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
     if shape.lowpass_hz >= _HIGHEST * rate_hz / 2.0:
@@ -112,7 +112,7 @@ def drawn(
     sensed = _recorded(aligned, column, "velocity") if shape.quantity == "velocity" else None
     measured = shaped(aligned.measured[wide, column], slopes) if sensed is None else shaped(sensed[wide], 0)
     predicted = {name: shaped(found.predicted[wide, column], slopes) for name, (_, found) in twins.items()}
-    told = command(around_s)
+    told = nothing if command is None else command(around_s)
     return Drawn(measured, shaped(told, slopes) if np.isfinite(told).any() else nothing, predicted)
 
 

@@ -98,10 +98,18 @@ class ModelCache:
             return found
         return self._once(self._lagging, (*key, lag_s), lambda: shifted(found, lag_s), _MOST_COMPARISONS)
 
-    def screen(self, path: Path) -> None:
-        """Reads a recording that is not offered yet, as any of a stranger. Raises BadInput where it is none of this
+    def screen(self, path: Path) -> Aligned:
+        """A recording that is not offered yet, read as any of a stranger. Raises BadInput where it is none of this
         hand's."""
-        self._read(path)
+        return self._read(path)
+
+    def adopt(self, aligned: Aligned, path: Path, told: os.stat_result) -> None:
+        """Takes what was screened for the recording at `path`, to which the same file was linked: it is not read
+        twice. `told` is of the file that was read; whatever else is found there is read anew."""
+        future: Future[Aligned] = Future()
+        future.set_result(replace(aligned, recording=aligned.recording.linked(path)))
+        with self._lock:
+            self._keep(self._recordings, _state(path, told), future, _MOST_RECORDINGS)
 
     def warm(self, path: Path) -> None:
         """Reads a recording before anybody asks for it."""
@@ -154,6 +162,10 @@ def _state_of(path: Path) -> tuple[str, int, int]:
         told = path.lstat()
     except OSError as error:
         raise BadInput(f"cannot be read ({error.strerror})", where=path) from None
+    return _state(path, told)
+
+
+def _state(path: Path, told: os.stat_result) -> tuple[str, int, int]:
     return str(path), told.st_size, told.st_mtime_ns
 
 

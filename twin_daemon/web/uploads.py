@@ -119,19 +119,19 @@ class Uploads:
         query = request.query_params
         text = query.get("offset", "")
         offset = int(text) if text.isdecimal() and len(text) < 16 else -1
-        has = await run_in_threadpool(self._written, query.get("id", ""), offset, bytes(content))
+        has = await run_in_threadpool(self._written, query.get("id", ""), offset, content)
         return JSONResponse({"has": has})
 
-    def _written(self, number: str, offset: int, content: bytes) -> int:
+    def _written(self, number: str, offset: int, content: bytearray) -> int:
         one = self._taken(number)
         try:
             if offset != one.has:
                 raise BadInput(f"the piece begins at byte {offset}", where=one.name, allowed=str(one.has))
             if one.has + len(content) > one.size:
                 raise BadInput(f"more bytes than the {one.size} that were announced", where=one.name)
-            written = 0
+            written, whole = 0, memoryview(content)
             while written < len(content):
-                written += os.pwrite(one.handle, content[written:], offset + written)
+                written += os.pwrite(one.handle, whole[written:], offset + written)
             one.has += len(content)
             return one.has
         except OSError as error:
@@ -152,7 +152,8 @@ class Uploads:
             os.fsync(one.handle)
             one.path.rename(screened)
             try:
-                self._cache.screen(screened)
+                aligned = self._cache.screen(screened)
+                told = os.fstat(one.handle)
             except BadInput as error:
                 raise BadInput(error.what, where=one.name, allowed=error.allowed, todo=error.todo) from None
             final = self._placed(screened, one.name)
@@ -161,7 +162,7 @@ class Uploads:
         finally:
             screened.unlink(missing_ok=True)
             _forget(one)
-        self._cache.warm(final)
+        self._cache.adopt(aligned, final, told)
         return {"name": final.name, "id": self._library.offer_id(final)}
 
     def _placed(self, screened: Path, name: str) -> Path:
