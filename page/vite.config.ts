@@ -4,7 +4,7 @@ import { join } from "node:path";
 import { defineConfig } from "vite";
 
 // What the files were built from, so that a test sees without node that somebody forgot to build.
-const SOURCES = ["package-lock.json", "public", "src", "tsconfig.json", "vite.config.ts"];
+const SOURCES = ["../twin_daemon/figures/drawings", "package-lock.json", "public", "src", "tsconfig.json", "vite.config.ts"];
 const files = (path: string): string[] => (statSync(path).isDirectory() ? readdirSync(path).sort().flatMap((name) => files(join(path, name))) : [path]);
 function fingerprint(): string {
   const hash = createHash("sha256");

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ElementTree
 from typing import Any
 
 import numpy as np
@@ -10,12 +11,16 @@ import pytest
 from tests.simulation.made import FINGER, recorded
 from twin_daemon.comparison.compare import Comparison, compare_recording, raw_command
 from twin_daemon.comparison.conditions import CONDITIONS, errors_by_condition
+from twin_daemon.comparison.dependence import dependence
+from twin_daemon.effects import LIBRARY
 from twin_daemon.figures.comparison import comparison_figure
 from twin_daemon.figures.conditions import conditions_figure
+from twin_daemon.figures.dependence import dependence_figure
+from twin_daemon.figures.drawings import FOLDER, drawing
 from twin_daemon.figures.overlay import overlay_figure
 from twin_daemon.figures.references import references_figure
-from twin_daemon.figures.state import state_figure
 from twin_daemon.figures.style import DARK, label
+from twin_daemon.figures.waterfall import waterfall_figure
 from twin_daemon.hand import load_hand
 from twin_daemon.simulation.alignment import align
 from twin_daemon.simulation.terms import EffectTerm, Terms
@@ -54,11 +59,45 @@ def test_a_joint_that_nothing_drives_has_no_command(rubbing: Comparison) -> None
     assert "raw command" not in traces(overlay_figure(rubbing, "rh_FFJ3", nothing))
 
 
-def test_friction_shows_as_a_residual_that_hangs_on_the_direction(rubbing: Comparison) -> None:
-    drawn = [trace for trace in state_figure([rubbing], "rh_FFJ3").data if trace.xaxis == "x"]
-    medians = {trace.name: np.nanmedian(trace.y) for trace in drawn}
-    assert medians["moving up"] < 0 < medians["moving down"]
-    assert {"hold", "moving up, least", "moving up, largest"} <= medians.keys()
+def test_friction_shows_as_a_residual_that_hangs_on_the_direction(twin: TwinModel, rubbing: Comparison) -> None:
+    measured = rubbing.aligned.measured[:, rubbing.aligned.joints.index("rh_FFJ3")]
+    plots = dependence(twin, rubbing, "rh_FFJ3", {"what was measured": measured}, most=50)
+    figure = dependence_figure(plots, "rh_FFJ3")
+    assert [axis.title.text for axis in figure.select_xaxes()] == [
+        "position (rad)", "velocity (rad/s)", "load (N m)", "time since a reversal (s)",
+    ]  # fmt: skip
+    drawn = [trace for trace in figure.data if trace.xaxis == "x"]
+    points = {trace.name: trace.y for trace in drawn if trace.mode == "markers"}
+    assert np.nanmedian(points["moving up"]) < 0 < np.nanmedian(points["moving down"])
+    assert all(len(values) <= 50 for values in points.values())
+    up, down = (trace.y for trace in drawn if trace.name == "what was measured predicts")
+    assert np.nanmedian(up) < 0 < np.nanmedian(down), "a candidate that predicts what was measured has its curves"
+
+
+def test_a_waterfall_falls_from_the_model_before_to_what_is_left() -> None:
+    (drawn,) = waterfall_figure([("nominal", 4e-4), ("+ play", 1e-4), ("+ <b>", 0.25e-4)], 1e-6).data
+    assert list(drawn.x) == ["nominal", "+ play", "+ &lt;b&gt;", "left", "sensors' noise"]
+    assert list(drawn.measure) == ["absolute", "relative", "relative", "total", "absolute"]
+    assert drawn.y == pytest.approx([20.0, -10.0, -5.0, 0.0, 1.0])
+    assert drawn.text[3] == "5 mrad"
+
+
+def test_every_effect_has_one_drawing_and_what_is_unknown_has_one_too() -> None:
+    assert {path.stem for path in FOLDER.glob("*.svg")} == {*LIBRARY, "unknown"}
+    for key in LIBRARY:
+        root = ElementTree.fromstring(drawing(key, "a <b> & c"))
+        assert (root.get("data-effect"), root.get("aria-label")) == (key, "Drawing: a <b> & c")
+        assert root.get("viewBox") == "0 0 300 86"
+        assert {part.tag.rpartition("}")[2] for part in root.iter()} <= {
+            "svg",
+            "path",
+            "rect",
+            "text",
+            "circle",
+            "ellipse",
+        }
+        assert not {name for part in root.iter() for name in part.attrib} & {"style", "href", "onload"}
+    assert "?" in drawing("of_a_user", "theirs")
 
 
 def test_the_heat_map_has_every_moving_joint_by_every_condition(rubbing: Comparison) -> None:
@@ -93,7 +132,8 @@ def test_every_colour_of_a_figure_has_one_for_the_dark(twin: TwinModel, rubbing:
     errors = errors_by_condition([(rubbing.aligned, rubbing.predicted)])
     figures = [
         overlay_figure(rubbing, "rh_FFJ3", command),
-        state_figure([rubbing], "rh_FFJ3"),
+        dependence_figure(dependence(twin, rubbing, "rh_FFJ3", {"a": command, "b": command, "c": command}), "rh_FFJ3"),
+        waterfall_figure([("nominal", 4e-4), ("+ play", 1e-4)], 1e-6),
         conditions_figure(errors),
         references_figure({"raw command": 1e-2, "this twin": 1e-4, "noise floor of the sensors": 1e-8}),
     ]

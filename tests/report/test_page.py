@@ -60,6 +60,9 @@ def test_everything_is_on_one_page(
     assert sum("plotly.js v" in script for script in page.run) == 1
     for attributes in page.all("a"):
         assert (attributes["href"] or "").removeprefix("#") in {a.get("id") for _, a in page.elements}
+    assert "fall" in {a.get("id") for a in page.all("figure")}, "the waterfall of the ladder"
+    assert [a.get("data-effect") for a in page.all("svg")] == ["viscous_friction"]
+    assert "viscous_friction:rh_FFJ3 predicts" in "".join(page.scripts), "beside what the error depends on"
     for said in (
         "Ambiguous: more than one effect", "Not sure which", "command_delay:rh_FFJ3", "0.55 to 0.65",
         "97% to 99%", "explains less: 4309 nats", "by 20 mrad rms", "a note on the diagnosis",

@@ -16,7 +16,8 @@ from twin_daemon.effects import LIBRARY
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "page"
 STATIC = Path(twin_daemon.web.__file__).parent / "static"
-SOURCES = ("package-lock.json", "public", "src", "tsconfig.json", "vite.config.ts")
+DRAWINGS = "../twin_daemon/figures/drawings"
+SOURCES = (DRAWINGS, "package-lock.json", "public", "src", "tsconfig.json", "vite.config.ts")
 
 
 def files(path: Path) -> list[Path]:
@@ -26,13 +27,13 @@ def files(path: Path) -> list[Path]:
 def test_the_page_was_built_after_its_last_change() -> None:
     digest = hashlib.sha256()
     for path in (one for name in SOURCES for one in files(PAGE / name)):
-        digest.update(str(path.relative_to(PAGE)).encode() + b"\0" + path.read_bytes() + b"\0")
+        digest.update(os.path.relpath(path, PAGE).encode() + b"\0" + path.read_bytes() + b"\0")
     assert (STATIC / "built-from.txt").read_text().strip() == digest.hexdigest(), "cd page && npm ci && npm run build"
 
 
 def test_every_effect_of_the_library_is_drawn() -> None:
-    drawings = (PAGE / "src" / "drawings.ts").read_text()
-    assert [key for key in LIBRARY if f"  {key}: () =>" not in drawings] == []
+    script = (STATIC / "workbench.js").read_text()
+    assert [key for key in LIBRARY if f"figures/drawings/{key}.svg" not in script] == []
 
 
 @pytest.mark.slow
@@ -42,6 +43,7 @@ def test_the_page_is_what_its_sources_make(tmp_path: Path) -> None:
         pytest.skip("no node on this machine: the page's files are not built anew")
     copy = tmp_path / "page"
     shutil.copytree(PAGE, copy, ignore=shutil.ignore_patterns("node_modules"))
+    shutil.copytree(PAGE / DRAWINGS, copy / DRAWINGS)
     fetched = subprocess.run(
         [npm, "ci", "--no-audit", "--no-fund"], cwd=copy, capture_output=True, text=True, check=False
     )

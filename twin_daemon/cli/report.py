@@ -14,7 +14,7 @@ from twin_daemon.errors import BadInput, UsageError
 from twin_daemon.workflows.session import Session, open_session
 
 if TYPE_CHECKING:
-    from twin_daemon.diagnosis.verdict import Diagnosis, LadderResult
+    from twin_daemon.diagnosis.verdict import Diagnosis, LadderResult, Step
     from twin_daemon.report.reproduce import Recipe
     from twin_daemon.simulation.alignment import Aligned
     from twin_daemon.versions import Version
@@ -92,6 +92,8 @@ def command(
         recipe=recipe,
         diagnosis=found,
         ladder=grown,
+        candidates=found.findings if found is not None and found.version == session.version and not terms else (),
+        **_fall(session, stored, grown),
         notes=tuple(notes),
     )
     page = render(content).encode()
@@ -132,6 +134,30 @@ def _notes(
     of = " or ".join(version[:12] if version else "the nominal model" for version in versions)
     shown = session.version[:12] if session.version else "a model that is not stored"
     return [f"the {what} was made for {of}; the comparison on this page is of {shown}"]
+
+
+def _fall(session: Session, stored: Version | None, ladder: LadderResult | None) -> dict[str, Any]:
+    """The errors from the nominal model to this one: those of the ladder, else those kept with the versions."""
+    from twin_daemon.versions.steps import error_steps
+
+    if ladder is not None:
+        told = [(_added(number, one), one.mse_rad2, one.holdout_mse_rad2) for number, one in enumerate(ladder.steps)]
+    elif stored is not None:
+        steps = error_steps(session.store, stored)
+        told = [(f"+ {one.title}" if one.title else "nominal", one.mse_rad2, one.holdout_mse_rad2) for one in steps]
+    else:
+        return {}
+    held_out = all(held is not None for _, _, held in told)
+    errors = [(name, held if held_out else fitted) for name, fitted, held in told]
+    if any(error is None for _, error in errors):
+        return {}
+    return {"steps": tuple(errors), "steps_held_out": held_out}
+
+
+def _added(number: int, step: Step) -> str:
+    if step.effect is None:
+        return "all together" if number else "before"
+    return f"+ {step.effect.replace('_', ' ')} at {step.target}"
 
 
 def _diagnosed(

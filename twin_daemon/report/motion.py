@@ -11,14 +11,18 @@ import numpy as np
 from twin_daemon.comparison.compare import (
     Comparison,
     JointError,
+    compare_recording,
     raw_command,
 )
 from twin_daemon.comparison.conditions import ConditionError, errors_by_condition
+from twin_daemon.comparison.dependence import POINTS, dependence
 from twin_daemon.comparison.report import comparison_report
+from twin_daemon.diagnosis.free_rollout import with_finding
+from twin_daemon.diagnosis.verdict import Finding
 from twin_daemon.figures.conditions import conditions_figure
+from twin_daemon.figures.dependence import dependence_figure
 from twin_daemon.figures.overlay import BUCKETS, overlay_figure
 from twin_daemon.figures.references import NOISE_LEVEL, TWIN_LEVEL, references_figure
-from twin_daemon.figures.state import state_figure
 from twin_daemon.report.chart import Chart, chart
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
@@ -65,6 +69,7 @@ class Motion:
     """Recordings of one role (`recorded` or `held out`): `report` is what `twin compare` writes of them."""
 
     role: str
+    twin: TwinModel
     report: dict[str, Any]
     rows: tuple[JointRow, ...]
     groups: dict[str, float]
@@ -96,6 +101,7 @@ def motion(role: str, twin: TwinModel, recordings: Sequence[Aligned], promoted: 
     words = "Mean squared error of this twin, of the raw command, of the last promoted version, and the noise floor."
     return Motion(
         role=role,
+        twin=twin,
         report=report,
         rows=tuple(rows),
         groups={name: group["mse_rad2"] for name, group in report["groups"].items()},
@@ -152,10 +158,16 @@ class Conditions:
 
 
 _WORST = 12
+_MOST_STATE_POINTS = 12_000
+"""Of all joints together: half a megabyte."""
+_PLOTS, _DIRECTIONS = 4, 2
+_MOST_CANDIDATES = 3
 
 
-def conditions(motions: Sequence[Motion]) -> Conditions | None:
-    """The heat map of joints by condition, its worst cells, and each joint's residual over position and velocity."""
+def conditions(motions: Sequence[Motion], candidates: Sequence[Finding] = ()) -> Conditions | None:
+    """The heat map of joints by condition, its worst cells, and what each joint's residual depends on.
+
+    `candidates` are findings about the twin of the motions; what they predict of their joints stands beside."""
     comparisons = [c for m in motions for c in m.comparisons]
     errors = errors_by_condition((c.aligned, c.predicted) for c in comparisons)
     if not errors:
@@ -168,9 +180,19 @@ def conditions(motions: Sequence[Motion]) -> Conditions | None:
         kind="conditions",
         legend=False,
     )
-    states = []
+    states, most = [], max(_MOST_STATE_POINTS // (_PLOTS * _DIRECTIONS * len(joints)), 20)
+    predictions: dict[tuple[str, int], Comparison] = {}
     for number, joint in enumerate(joints, start=1):
-        words = f"{joint}: median residual over position and over velocity, by direction."
-        states.append((joint, chart(f"state-{number}", state_figure(comparisons, joint), words)))
+        moves = ((m.twin, c) for m in motions for c in m.comparisons if joint in c.joints and c.joints[joint].moves)
+        twin, comparison = next(moves)
+        column = comparison.aligned.joints.index(joint)
+        predicted = {}
+        for one in [one for one in candidates if joint in one.joints][:_MOST_CANDIDATES]:
+            if (key := (one.name, id(comparison))) not in predictions:
+                predictions[key] = compare_recording(with_finding(twin, one), comparison.aligned)
+            predicted[one.name] = predictions[key].predicted[:, column]
+        words = f"{joint}: residual over position, velocity, load and time since a reversal, by direction."
+        figure = dependence_figure(dependence(twin, comparison, joint, predicted, min(most, POINTS)), joint)
+        states.append((joint, chart(f"state-{number}", figure, words)))
     names = tuple(c.aligned.recording.name for c in comparisons)
     return Conditions(heat, tuple(errors[:_WORST]), tuple(states), names)

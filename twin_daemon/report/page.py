@@ -14,9 +14,11 @@ import jinja2
 import plotly.offline
 from markupsafe import Markup
 
-from twin_daemon.diagnosis.verdict import IN_WORDS, Diagnosis, LadderResult
+from twin_daemon.diagnosis.verdict import IN_WORDS, Diagnosis, Finding, LadderResult
+from twin_daemon.figures.drawings import drawing
 from twin_daemon.figures.ladder import ladder_figure
 from twin_daemon.figures.style import DARK
+from twin_daemon.figures.waterfall import waterfall_figure
 from twin_daemon.report import words
 from twin_daemon.report.chart import Chart, chart, in_script
 from twin_daemon.report.motion import Motion, conditions, overlays
@@ -39,6 +41,11 @@ class Content:
     recipe: Recipe
     diagnosis: Diagnosis | None = None
     ladder: LadderResult | None = None
+    candidates: tuple[Finding, ...] = ()
+    """Findings about this very twin, whose predictions are drawn."""
+    steps: tuple[tuple[str, float], ...] = ()
+    """What was added from the nominal model to this one, and the mean squared error (rad^2) after it; see waterfall."""
+    steps_held_out: bool = False
     notes: tuple[str, ...] = field(default=())
 
     @property
@@ -71,9 +78,10 @@ def render(content: Content) -> str:
         content=content,
         sections=content.sections,
         overlays=overlays(content.motions),
-        conditions=conditions(content.motions),
+        conditions=conditions(content.motions, content.candidates),
         **(_about(content.diagnosis) if content.diagnosis else {}),
         ladder_chart=ladder_chart(content.ladder) if content.ladder else None,
+        fall=fall_chart(content) if len(content.steps) > 1 else None,
         verdicts=IN_WORDS,
     )  # fmt: skip
 
@@ -106,6 +114,15 @@ def ladder_chart(ladder: LadderResult) -> Chart:
     return chart("ladder-figure", figure, "The error by what was added, on fitted and on held-out motion.")
 
 
+def fall_chart(content: Content) -> Chart:
+    """The waterfall from the nominal model to this one."""
+    noise = content.motions[0].report["noise_floor_rad2"]
+    words = (
+        "The rms error of the nominal model, by how much each addition changes it, what is left, the sensors' noise."
+    )
+    return chart("fall", waterfall_figure(content.steps, noise), words, legend=False)
+
+
 def _environment() -> jinja2.Environment:
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_TEMPLATES),
@@ -116,6 +133,7 @@ def _environment() -> jinja2.Environment:
     )
     for tool in (words.number, words.milli, words.percent, words.root, words.interval):
         environment.filters[tool.__name__] = tool
+    environment.globals.update(drawing=lambda key: Markup(drawing(key, key.replace("_", " "))))
     environment.globals.update(how_sure=words.how_sure, left_over=words.left_over, bounds=words.bounds)
     return environment
 

@@ -14,10 +14,10 @@ from scipy import signal
 from starlette.requests import Request
 
 from twin_daemon.comparison.compare import Comparison
+from twin_daemon.comparison.dependence import servo_load
 from twin_daemon.errors import BadInput
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
-from twin_daemon.web.dependence import servo_load
 from twin_daemon.web.queries import number
 
 Quantity = Literal["position", "velocity", "effort"]

@@ -1,25 +1,18 @@
-"""What the error of one joint depends on: its residual over position, velocity, load and time since a reversal.
-
-Beside the measured points stand curves: what each candidate says that the residual should be, which is what the twin
-with it predicts less what the twin without it predicts.
-"""
+"""What the error of the selected joint depends on, beside what the candidates of the last diagnosis predict."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
-import mujoco
 import numpy as np
 from starlette.requests import Request
 from starlette.routing import BaseRoute
 
-from twin_daemon.comparison.compare import Comparison
 from twin_daemon.comparison.conditions import directions, smooth_speed
+from twin_daemon.comparison.dependence import Curve, Plot, dependence, reversals
 from twin_daemon.diagnosis.free_rollout import with_finding
 from twin_daemon.diagnosis.verdict import Finding
 from twin_daemon.errors import BadInput
-from twin_daemon.simulation.twin import TwinModel
 from twin_daemon.web.app import reading
 from twin_daemon.web.jobs import Jobs
 from twin_daemon.web.library import Library
@@ -27,20 +20,8 @@ from twin_daemon.web.model_cache import ModelCache
 from twin_daemon.web.numbers import listed
 from twin_daemon.web.queries import lag, onset
 
-_POINTS = 400  # of one direction
-_BINS = 24
-_FEWEST = 4  # samples in a bin of which a median can be told
 _MOST_CANDIDATES = 3
 _MOST_TURNS = 200
-
-
-@dataclass(frozen=True)
-class Axis:
-    """One quantity (n,) of each sample, in its unit."""
-
-    name: str
-    unit: str
-    values: np.ndarray
 
 
 class Dependence:
@@ -64,8 +45,6 @@ class Dependence:
         if joint not in found.joints or not found.joints[joint].moves:
             raise BadInput(f"'{joint}' does not move in this recording")
         column = found.aligned.joints.index(joint)
-        known = np.flatnonzero(np.isfinite(found.aligned.measured[:, column]))
-        axes, way = quantities(self._cache.twin(version), found, column)
         others: dict[str, np.ndarray] = {}
         pending = False
         for name in query.getlist("against")[:_MOST_CANDIDATES]:
@@ -78,13 +57,12 @@ class Dependence:
             pending |= other is None
             if other is not None:
                 others[one.name] = other.predicted[:, column]
-        expected = {name: predicted - found.predicted[:, column] for name, predicted in others.items()}
-        residual = found.residual[:, column]
+        plots = dependence(self._cache.twin(version), found, joint, others)
         return {
             "pending": False,
             "curves_pending": pending,
             "joint": joint,
-            "plots": [_plot(axis, way, residual, expected, known) for axis in axes],
+            "plots": [_lists(plot) for plot in plots],
         }
 
     def _reversals(self, request: Request) -> dict[str, Any]:
@@ -107,74 +85,9 @@ class Dependence:
         return [Finding.model_validate(one) for one in job.result["findings"][:_MOST_CANDIDATES]]
 
 
-def quantities(twin: TwinModel, found: Comparison, column: int) -> tuple[list[Axis], np.ndarray]:
-    """(position, velocity, load, time since the last reversal of one joint, its direction (n,) as +1, 0, -1)."""
-    time_s, position = found.aligned.time_s, found.aligned.measured[:, column]
-    speed = smooth_speed(time_s, position)
-    way = directions(speed)
-    turns = reversals(time_s, way)
-    latest = np.searchsorted(turns, time_s, side="right") - 1
-    since = np.where(latest >= 0, time_s - turns[np.maximum(latest, 0)], np.nan) if turns.size else time_s * np.nan
-    axes = [Axis("position", "rad", position), Axis("velocity", "rad/s", speed)]
-    load = servo_load(twin, found, column)
-    if load is not None:
-        axes.append(Axis("load", "N m", load))
-    return [*axes, Axis("time since a reversal", "s", since)], way
+def _lists(plot: Plot) -> dict[str, Any]:
+    def pairs(curves: dict[str, Curve]) -> dict[str, list[Any]]:
+        return {way: [listed(x, 5), listed(y, 3)] for way, (x, y) in curves.items()}
 
-
-def reversals(time_s: np.ndarray, way: np.ndarray) -> np.ndarray:
-    """(k,) s: when a direction (n,) of +1, 0, -1 becomes the opposite one, with or without a rest between."""
-    moving = np.flatnonzero(way != 0)
-    return time_s[moving[1:][np.diff(way[moving]) != 0]]
-
-
-def servo_load(twin: TwinModel, found: Comparison, column: int) -> np.ndarray | None:
-    """(n,) N m: what the joint's position servo gives for the command and the measured angles; None without one."""
-    drivers = np.flatnonzero(twin.drive[:, column])
-    if not len(drivers):
-        return None
-    row = int(drivers[0])
-    actuator = int(mujoco.mj_name2id(twin.model, mujoco.mjtObj.mjOBJ_ACTUATOR, _actuator_name(twin, row)))
-    if actuator < 0:
-        return None
-    aligned = found.aligned
-    command = aligned.controls(twin, aligned.time_s)[:, row]
-    actuated = np.nan_to_num(aligned.measured) @ twin.drive[row]
-    gain, bias = twin.model.actuator_gainprm[actuator], twin.model.actuator_biasprm[actuator]
-    force = gain[0] * command + bias[0] + bias[1] * actuated
-    if twin.model.actuator_forcelimited[actuator]:
-        force = np.clip(force, *twin.model.actuator_forcerange[actuator])
-    return force * twin.drive[row, column]
-
-
-def _actuator_name(twin: TwinModel, row: int) -> str:
-    return str(twin.place(twin.actuators[row]).actuator)
-
-
-def _plot(
-    axis: Axis, way: np.ndarray, residual: np.ndarray, expected: dict[str, np.ndarray], known: np.ndarray
-) -> dict[str, Any]:
-    """Points of two directions, and the median of each candidate's curve by direction; residuals in mrad."""
-    points, curves = {}, {name: {} for name in expected}
-    usable = known[np.isfinite(axis.values[known])]
-    if not len(usable):
-        return {"name": axis.name, "unit": axis.unit, "points": points, "curves": curves}
-    edges = np.linspace(axis.values[usable].min(), axis.values[usable].max(), _BINS + 1)
-    for sign, name in ((1.0, "moving up"), (-1.0, "moving down")):
-        chosen = usable[way[usable] == sign]
-        shown = chosen[:: max(len(chosen) // _POINTS, 1)]
-        points[name] = [listed(axis.values[shown], 5), listed(1e3 * residual[shown], 3)]
-        for candidate, values in expected.items():
-            curves[candidate][name] = _median(edges, axis.values[chosen], 1e3 * values[chosen])
-    return {"name": axis.name, "unit": axis.unit, "points": points, "curves": curves}
-
-
-def _median(edges: np.ndarray, x: np.ndarray, y: np.ndarray) -> list[list[Any]]:
-    place = np.clip(np.digitize(x, edges) - 1, 0, _BINS - 1)
-    middle = 0.5 * (edges[1:] + edges[:-1])
-    values = np.full(_BINS, np.nan)
-    for index in range(_BINS):
-        inside = y[place == index]
-        if inside.size >= _FEWEST:
-            values[index] = np.median(inside)
-    return [listed(middle, 5), listed(values, 3)]
+    curves = {name: pairs(one) for name, one in plot.curves.items()}
+    return {"name": plot.name, "unit": plot.unit, "points": pairs(plot.points), "curves": curves}

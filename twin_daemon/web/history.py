@@ -13,9 +13,9 @@ from twin_daemon.versions import NOMINAL, Version, VersionStore, diff
 from twin_daemon.versions.aliases import CANDIDATE, CURRENT
 from twin_daemon.versions.lineage import tree
 from twin_daemon.versions.standing import known_errors, worse_than
+from twin_daemon.versions.steps import error_of, error_steps
 from twin_daemon.web.app import posting, reading
 
-_LONGEST_LADDER = 20
 _MOST_DECISIONS = 500
 _MOST_TEXT = 400
 
@@ -92,17 +92,18 @@ class History:
     def _ladder(self, request: Request) -> dict[str, Any]:
         """The errors from the nominal model to a version, one step for each version on the way."""
         version = self._store.get(request.query_params.get("version", ""))
-        chain = [version]
-        while chain[0].parent and len(chain) < _LONGEST_LADDER:
-            chain.insert(0, self._store.get(chain[0].parent))
-        chain = [one for one in chain if _error(one, "after") is not None] or [version]
-        start = {"effect": None, "target": None, "parameters": {}, "mse_rad2": _error(chain[0], "before")}
-        steps = [start | {"holdout_mse_rad2": _error(chain[0], "holdout_before")}]
-        for one in chain:
-            values = {name: record["value"] for name, record in _values(one).items() if record["ci95"] is not None}
-            step = {"effect": one.title or one.kind, "target": one.short_id, "parameters": values}
-            errors = {"mse_rad2": _error(one, "after"), "holdout_mse_rad2": _error(one, "holdout_after")}
-            steps.append(step | errors)
+        steps = []
+        for one in error_steps(self._store, version):
+            values = {} if one.version is None else _values(one.version)
+            steps.append(
+                {
+                    "effect": one.title,
+                    "target": one.version and one.version.short_id,
+                    "parameters": {n: record["value"] for n, record in values.items() if record["ci95"] is not None},
+                    "mse_rad2": one.mse_rad2,
+                    "holdout_mse_rad2": one.holdout_mse_rad2,
+                }
+            )
         return {"version": version.id, "steps": steps}
 
     def _export(self, request: Request) -> Response:
@@ -146,14 +147,9 @@ def _summary(version: Version) -> dict[str, Any]:
         "created": version.created,
         "parent": version.parent,
         "effects": [f"{e.get('effect')} at {e.get('target')}" for e in version.terms.get("effects") or []],
-        "errors": {name: _error(version, name) for name in ("before", "after", "holdout_before", "holdout_after")},
+        "errors": {name: error_of(version, name) for name in ("before", "after", "holdout_before", "holdout_after")},
         "fitted_on": [used.name for used in version.fitted_on],
     }
-
-
-def _error(version: Version, name: str) -> float | None:
-    value = (version.errors.get(name) or {}).get("mse_rad2")
-    return float(value) if isinstance(value, (int, float)) else None
 
 
 def _values(version: Version) -> dict[str, dict[str, Any]]:
