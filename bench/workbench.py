@@ -1,9 +1,10 @@
 """What the workbench costs the daemon's loop, and how often its live charts are drawn.
 
-python -m bench.workbench [--seconds 10] [--rounds 2] [--realtime]
+python -m bench.workbench [--seconds 10] [--rounds 2] [--rates 125 1000] [--realtime]
 
-Phases alternate: the daemon alone, with a workbench that nobody looks at, and with a browser on its live view. The
-browser is a headless Chromium without a graphics card. `--realtime` (it needs the right to) puts driver and daemon
+Phases alternate: the daemon alone, with a workbench that nobody looks at, and with a browser on its live view, the
+hand in space beside the charts. The browser is a headless Chromium without a graphics card; its heap is that after a
+collection, in the middle and at the end of its phase. `--realtime` (it needs the right to) puts driver and daemon
 before all other work, the workbench and the browser not.
 """
 
@@ -25,12 +26,11 @@ import psutil
 
 from bench.live import Driver, Peer
 from bridges.zenoh.client import ask
-from tests.web.browser import Browser, chromium
-from tests.web.tab import Tab
+from tests.web.browser import Browser, ChromiumTab, chromium
 from twin_daemon.cli.children import free_port
 from twin_daemon.resources import twin_command
 
-_FRAMES = "Number(document.documentElement.dataset.frames ?? 0)"
+_FRAMES, _IN_SPACE = (f"Number(document.documentElement.dataset.{name} ?? 0)" for name in ("frames", "spaceFrames"))
 
 
 @contextlib.contextmanager
@@ -60,19 +60,34 @@ def ordinary() -> Iterator[None]:
         os.sched_setscheduler(0, policy, priority)
 
 
-class Frames:
-    """How often the charts of a tab are drawn, while the main thread does something else."""
+class Watched(threading.Thread):
+    """A tab while the main thread does something else: how often it draws, and what it keeps."""
 
-    def __init__(self, tab: Tab) -> None:
-        self._tab = tab
-        self._before = self._count(), time.perf_counter()
+    def __init__(self, tab: ChromiumTab, seconds: float) -> None:
+        super().__init__()
+        self._tab, self._seconds = tab, seconds
+        self.found: dict[str, float] = {}
 
-    def _count(self) -> int:
-        return int(self._tab.run(_FRAMES))
+    def run(self) -> None:
+        before, at = self._counts(), time.perf_counter()
+        time.sleep(0.5 * self._seconds)
+        middle = self._heap_mb()
+        time.sleep(max(0.9 * self._seconds - (time.perf_counter() - at), 0.0))
+        elapsed = time.perf_counter() - at
+        charts, space = ((now - old) / elapsed for now, old in zip(self._counts(), before, strict=True))
+        self.found = {
+            "charts_a_second": charts,
+            "space_a_second": space,
+            "heap_middle_mb": middle,
+            "heap_end_mb": self._heap_mb(),
+        }
 
-    def a_second(self) -> float:
-        count, at = self._before
-        return (self._count() - count) / (time.perf_counter() - at)
+    def _counts(self) -> tuple[int, int]:
+        return int(self._tab.run(_FRAMES)), int(self._tab.run(_IN_SPACE))
+
+    def _heap_mb(self) -> float:
+        self._tab.call("HeapProfiler.collectGarbage")
+        return self._tab.call("Runtime.getHeapUsage")["usedSize"] / 1e6
 
 
 def main() -> None:
@@ -80,6 +95,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=10.0, help="of a phase")
     parser.add_argument("--rounds", type=int, default=2)
+    parser.add_argument("--rates", type=float, nargs="+", default=[125.0, 1000.0], help="Hz")
     parser.add_argument("--realtime", action="store_true", help="driver and daemon before all other work")
     chosen = parser.parse_args()
     program = chromium()
@@ -99,7 +115,7 @@ def main() -> None:
             return result
 
         for number in range(chosen.rounds):
-            for rate_hz in (125.0, 1000.0):
+            for rate_hz in chosen.rates:
                 _tell("alone", rate_hz, phase("alone", rate_hz))
                 with workbench(endpoint, folder / "state") as (address, process):
                     time.sleep(2.0)
@@ -116,9 +132,13 @@ def main() -> None:
                         feeding.start()
                         tab.until(f"{_FRAMES} > 20", 60.0)
                         feeding.join()
-                        frames = Frames(tab)
-                        result = phase("browser", rate_hz)
-                        result["frames_a_second"] = frames.a_second() * (chosen.seconds + 1.0) / chosen.seconds
+                        tab.until(f"{_IN_SPACE} > 0", 60.0)
+                        watched = Watched(tab, chosen.seconds)
+                        watched.start()
+                        result = driver.phase(daemon, rate_hz, chosen.seconds)
+                        watched.join()
+                        result |= watched.found
+                        found.setdefault(("browser", rate_hz), []).append(result)
                         _tell("browser", rate_hz, result)
     for (label, rate_hz), results in found.items():
         medians = {key: float(np.median([one[key] for one in results])) for key in results[0]}

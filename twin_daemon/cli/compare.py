@@ -24,6 +24,10 @@ def command(
     plot: Annotated[
         Path | None, typer.Option("--plot", metavar="FILE.html", help="Draw measured, twin and residual.")
     ] = None,
+    rrd: Annotated[
+        Path | None,
+        typer.Option("--rrd", metavar="FILE.rrd", help="Measured, commanded, predicted and residual joints for Rerun."),
+    ] = None,
     json: options.Json = None,
 ) -> None:
     """Roll the twin out under the recorded commands and say where it differs from the measurement.
@@ -33,7 +37,11 @@ def command(
     """
     from twin_daemon.comparison.report import comparison_report
 
-    require_folder(json, plot)
+    require_folder(json, plot, rrd)
+    if rrd is not None:
+        from bridges.rerun.comparison import require_rerun
+
+        require_rerun()
     session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)
     aligned = session.recordings(recording, trajectory)
     report, comparisons = comparison_report(session.twin, aligned, session.last_promoted())
@@ -45,6 +53,10 @@ def command(
         for index, comparison in enumerate(comparisons):
             page = plot if len(comparisons) == 1 else plot.with_stem(f"{plot.stem}_{index + 1}")
             write_page(comparison_figure(comparison), page)
+    if rrd is not None:
+        from bridges.rerun.comparison import write_comparison
+
+        write_comparison(session.twin, comparisons, rrd)
     _show(report, json)
     emit_json(json, report)
 

@@ -125,10 +125,17 @@ def _lag(time_s: np.ndarray, measured: np.ndarray, predicted: np.ndarray) -> flo
 def raw_command(twin: TwinModel, aligned: Aligned) -> np.ndarray:
     """(n, j) rad: every joint where it was told to be; NaN for the joints that no command drives.
 
-    The command may lag by whatever suits it best, so that it is not blamed for a servo's delay. A tendon's
-    command is split evenly over its joints, which is all that a command alone can say.
+    The command may lag by whatever suits it best, so that it is not blamed for a servo's delay.
     """
-    commanded = aligned.controls(twin, aligned.time_s, command_onset(twin, aligned))  # (n, nu)
+    return commanded_joints(twin, aligned, command_onset(twin, aligned))
+
+
+def commanded_joints(twin: TwinModel, aligned: Aligned, onset_s: float | None = None) -> np.ndarray:
+    """(n, j) rad: where every joint was told to be, from `onset_s` on if that is given; NaN without a command.
+
+    A tendon's command is split evenly over its joints, which is all that a command alone can say.
+    """
+    commanded = aligned.controls(twin, aligned.time_s, onset_s)  # (n, nu)
     split = np.linalg.pinv(twin.drive)  # (j, nu)
     return np.where(split.any(axis=1), commanded @ split.T, np.nan)
 
