@@ -59,7 +59,7 @@ class Case:
 
 
 @dataclass
-class _Plant:
+class Plant:
     """The compiled hand with what MuJoCo has no field for, at one joint: load friction, elastic tendon, play."""
 
     model: mujoco.MjModel
@@ -115,25 +115,33 @@ def make(folder: Path, model: Path, change: str, seed: int, seconds: float = 20.
     body = rng.uniform(1.0 - SPREAD, 1.0 + SPREAD, (3, 64))
     for week, (tag, path) in enumerate(names.items()):
         session = rng.normal(1.0, BETWEEN_SESSIONS, (3, 64))
-        plant = _plant(model, joint, body * session)
+        plant = plant_of(model, joint, body * session)
         if change == "load":
             plant.load_friction = LOAD_FRICTION
         if change == "slack":
             plant.tendon = TENDON_SHARE * float(plant.model.actuator_gainprm[plant.actuator, 0])
         if tag == "now":
             _worn(plant, change)
-        time_s, commands = _motion(plant.model, int(rng.integers(1 << 30)), seconds)
-        angles = plant.moved(commands)
-        stamps = time_s + 1.0 / RATE_HZ + rng.normal(0.0, JITTER_S, len(time_s))
-        read = np.round((angles + rng.normal(0.0, NOISE_RAD, angles.shape)) / RESOLUTION_RAD) * RESOLUTION_RAD
-        _write(path, plant.model, 1.7e9 + week * WEEK_S, time_s, commands, stamps, read)
+        record(plant, path, week, int(rng.integers(1 << 30)), seconds, rng)
     joints = [joint] if case.effect else []
     truth = {"model": str(model), "effect": case.effect, "joints": joints, "change": change, "finger_joint": joint}
     (folder / f"{case.name}.truth.json").write_text(json.dumps(truth))
     return case
 
 
-def _plant(model: Path, joint: str, factors: np.ndarray) -> _Plant:
+def record(
+    plant: Plant, path: Path, week: int, seed: int, seconds: float, rng: np.random.Generator, offset_rad: float = 0.0
+) -> None:
+    """Writes what a plant shows of a motion in a week; the sensor of its own joint may be off."""
+    time_s, commands = _motion(plant.model, seed, seconds)
+    angles = plant.moved(commands)
+    angles[:, plant.joint] += offset_rad
+    stamps = time_s + 1.0 / RATE_HZ + rng.normal(0.0, JITTER_S, len(time_s))
+    read = np.round((angles + rng.normal(0.0, NOISE_RAD, angles.shape)) / RESOLUTION_RAD) * RESOLUTION_RAD
+    _write(path, plant.model, 1.7e9 + week * WEEK_S, time_s, commands, stamps, read)
+
+
+def plant_of(model: Path, joint: str, factors: np.ndarray) -> Plant:
     """The hand with its damping, dry friction and servo gains times factors (3, at least nv)."""
     spec = mujoco.MjSpec.from_file(str(model))
     spec.option.timestep = STEP_S
@@ -142,10 +150,10 @@ def _plant(model: Path, joint: str, factors: np.ndarray) -> _Plant:
     m.dof_frictionloss *= factors[1, : m.nv]
     m.actuator_gainprm[:, 0] *= factors[2, : m.nu]
     m.actuator_biasprm[:, 1] *= factors[2, : m.nu]
-    return _Plant(m, m.joint(joint).id, m.actuator(joint.replace("rh_", "rh_A_")).id)
+    return Plant(m, m.joint(joint).id, m.actuator(joint.replace("rh_", "rh_A_")).id)
 
 
-def _worn(plant: _Plant, change: str) -> None:
+def _worn(plant: Plant, change: str) -> None:
     m, dof = plant.model, int(plant.model.jnt_dofadr[plant.joint])
     if change == "viscous":
         m.dof_damping[dof] *= 1.3

@@ -119,6 +119,9 @@ def diagnosis(payload: bytes | None, where: str) -> tuple[int, str, dict[str, st
         "stale": (WARN, "stale: no joint states" + ("" if age_s is None else f" for {age_s:.1f} s")),
         "waiting": (WARN, "waiting for the first joint states"),
     }.get(status, (WARN, f"unknown status {status!r:.40}"))
+    changed = told.get("changed")
+    if level == OK and isinstance(changed, list) and changed:
+        level, message = WARN, f"the hand has changed: {'; '.join(map(str, changed))}"
     return level, message, key_values(told)
 
 

@@ -29,6 +29,7 @@ from twin_daemon.errors import BadInput
 from twin_daemon.hand import Hand
 from twin_daemon.resources import SWITCH_S, state_dir
 from twin_daemon.security.identity import Keyring
+from twin_daemon.services.change_namer import ChangeNamer
 from twin_daemon.services.diagnoser import Diagnoser
 from twin_daemon.services.gate_process import GateProcess
 from twin_daemon.services.recalibrator import Recalibrator, live
@@ -90,6 +91,8 @@ class Daemon:
         self._diagnoser = Diagnoser(self._saver, self.service, setup.hand_options)
         stack.callback(self._diagnoser.close)
         self._recalibrator = self._begin_recalibrator(session, source)
+        namer = ChangeNamer(self._saver, self.service, source.store, setup.folder, setup.hand_options)
+        stack.callback(namer.close)
         self._promotions = Promotions(source, self.service.ready)
         stack.callback(self._promotions.close)
         answers = {

@@ -214,6 +214,13 @@ def test_health_becomes_a_level(status: str, level: int) -> None:
     assert values == {"status": status, "age_s": "-", "loop.errors": "0"}
 
 
+def test_what_has_changed_is_a_warning_in_words() -> None:
+    told = {"schema": 1, "status": "following", "age_s": 0.1, "changed": ["FFJ3: viscous friction +32 %"]}
+    level, message, values = diagnosis(json.dumps(told).encode(), "k")
+    assert (level, message) == (1, "the hand has changed: FFJ3: viscous friction +32 %")
+    assert values["changed"] == "FFJ3: viscous friction +32 %"
+
+
 @pytest.mark.parametrize("payload", [None, b"", b"[]", b"{}", b"7"])
 def test_no_health_is_an_error(payload: bytes | None) -> None:
     assert diagnosis(payload, "twin/x/health")[0] == 2

@@ -19,12 +19,15 @@ from twin_daemon.estimation.thresholds import (
     POLISH_ITERATIONS,
     POLISH_SHARE,
 )
-from twin_daemon.estimation.uncertainty import Estimate, estimates
+from twin_daemon.estimation.uncertainty import Estimate, joint_estimates
 from twin_daemon.estimation.variables import OnsetVariable, Variable
 from twin_daemon.estimation.windows import excerpts
 from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
+
+Correlated = tuple[tuple[str, ...], np.ndarray]
+"""Names (p,) of values that were fitted together, and their correlations (p, p)."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,7 @@ class Calibration:
     given_rad2: float
     holdout_given_rad2: float | None
     parameters: dict[str, Estimate]
+    correlations: tuple[Correlated, ...]
     history: list[float]
     evaluations: int
     wall_s: float
@@ -124,6 +128,7 @@ def calibrate(
         # searched were excerpts of parts, with onsets as they were: what was best there need not be best of all
         fitted, after, aligned = start, before, began_aligned
         found.units = {}
+    parameters, correlations = _fitted(problems, found.units)
     return Calibration(
         terms=fitted.terms,
         objective=objective,
@@ -133,7 +138,8 @@ def calibrate(
         holdout_after_rad2=judged(fitted, holdout, objective)[0] if holdout else None,
         given_rad2=given,
         holdout_given_rad2=holdout_given,
-        parameters=_fitted(problems, found.units),
+        parameters=parameters,
+        correlations=correlations,
         history=found.history,
         evaluations=len(found.history),
         wall_s=time.monotonic() - began,
@@ -180,9 +186,15 @@ def judged(twin: TwinModel, recordings: Sequence[Aligned], objective: Sequence[s
     return float(np.mean(values)), [c.aligned for c in comparisons]
 
 
-def _fitted(problems: Sequence[SubProblem], units: dict[str, float]) -> dict[str, Estimate]:
-    found = {}
+def _fitted(
+    problems: Sequence[SubProblem], units: dict[str, float]
+) -> tuple[dict[str, Estimate], tuple[Correlated, ...]]:
+    found: dict[str, Estimate] = {}
+    correlations: list[Correlated] = []
     for sub in problems:
-        values = zip(sub.problem.variables, estimates(sub.problem, sub.start(units)), strict=True)
-        found |= {variable.name: one for variable, one in values if not isinstance(variable, OnsetVariable)}
-    return found
+        values, correlation = joint_estimates(sub.problem, sub.start(units))
+        own = [i for i, variable in enumerate(sub.problem.variables) if not isinstance(variable, OnsetVariable)]
+        names = tuple(sub.problem.variables[i].name for i in own)
+        found |= {name: values[i] for name, i in zip(names, own, strict=True)}
+        correlations.append((names, correlation[np.ix_(own, own)]))
+    return found, tuple(correlations)

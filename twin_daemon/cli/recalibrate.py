@@ -71,6 +71,8 @@ def _show(payload: dict[str, Any], found: Recalibration, json: str | None) -> No
         console.print(f"{label}: {before:.4g} -> [bold]{after:.4g} rad²[/]{more}")
     if found.appeared:
         console.print(plain_text(f"an effect has appeared: {', '.join(found.appeared)}"))
+    for line in payload["changed"]:
+        console.print(plain_text(f"changed: {line}"))
     for reason in payload["against"]:
         console.print(plain_text(f"against it: {reason}"))
     for note in payload["notes"]:

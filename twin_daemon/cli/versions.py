@@ -73,6 +73,10 @@ def show(version: Reference = "current", hand: HandName = None, model: Model = N
         console.print(f"note of {note.at[:16].replace('T', ' ')}: {plain_text(note.text)}")
     if found.parameters:
         console.print(_parameters(found))
+    if found.posterior is not None and found.posterior.names:
+        unseen = found.posterior.not_excited
+        named = f"; its own recordings say nothing of {plain_text(', '.join(unseen))}" if unseen else ""
+        console.print(f"how sure it is of {len(found.posterior.names)} values together: in --json{named}")
     emit_json(json, {**found.as_json(), "names": store.names(found.id), "notes": notes})
 
 

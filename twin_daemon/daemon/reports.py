@@ -126,6 +126,7 @@ def health(service: TwinService) -> dict[str, Any]:
             "steps": service.predictor.steps,
             "anchors": dict(sorted(service.predictor.anchors.items())),
         },
+        "changed": list(service.changed),
         "loop": service.loop,
         "timing": service.timing.as_json(),
         "gate": None if (gate := service.gate()) is None else gate["mode"],

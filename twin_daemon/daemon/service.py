@@ -8,7 +8,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +67,7 @@ class TwinService:
         self.command_counts: Counter[str] = Counter()
         self.command_arrival_s: float | None = None
         self.loop: dict[str, Any] = {}
+        self.changed: tuple[str, ...] = ()
         self.predicted = np.full(len(twin.joints), np.nan)
         self.stamp_ns: int | None = None
         self.intake = Intake(twin.joints, *joint_ranges(twin))
@@ -187,6 +188,7 @@ class TwinService:
             self.retune(self.settings)  # they may be others than when it was made ready
             self.residuals.clear()
             self.drifts.clear()
+            self.changed = ()
             self.tell("version", f"version {version['id']} replaces {before}")
 
     def retune(self, settings: DaemonSettings) -> None:
@@ -266,6 +268,12 @@ class TwinService:
         """Adds an event."""
         with self._lock:
             self.events.add(self.wall_ns(), kind, text, data)
+
+    def report_changes(self, version: str, words: Sequence[str]) -> None:
+        """Says in every health report what has changed since a version, for as long as that is in use."""
+        with self._lock:
+            if version == self.version_info["id"]:
+                self.changed = tuple(words)
 
     def _tell_drift(self, alarm: Alarm) -> None:
         self.tell(

@@ -50,6 +50,14 @@ class DaemonSettings(BaseModel):
     drift_false_alarms_per_day: float = Field(
         default=1 / 30, gt=0.0, le=100.0, description="of the drift test, for the whole hand"
     )
+    name_changes: bool = Field(
+        default=True,
+        description="once a joint drifts, diagnose what has changed since the version in use",
+        json_schema_extra=LIVE,
+    )
+    name_changes_seconds: float = Field(
+        default=150.0, gt=0.0, le=3600.0, description="what such a diagnosis may take", json_schema_extra=LIVE
+    )
     metrics_port: int | None = Field(
         default=None, ge=1, le=65535, description="of the Prometheus endpoint on loopback; none without it"
     )

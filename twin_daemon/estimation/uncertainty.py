@@ -44,7 +44,15 @@ def correlation_time(residual: np.ndarray) -> float:
 def estimates(
     problem: Problem, point: np.ndarray, *, error_floor_rad: float = 0.0, expected: bool = False
 ) -> list[Estimate]:
-    """The values at a point (p,) with Gauss-Newton intervals, widened by the residual's correlation.
+    """As `joint_estimates`, each value on its own."""
+    return joint_estimates(problem, point, error_floor_rad=error_floor_rad, expected=expected)[0]
+
+
+def joint_estimates(
+    problem: Problem, point: np.ndarray, *, error_floor_rad: float = 0.0, expected: bool = False
+) -> tuple[list[Estimate], np.ndarray]:
+    """(the values at a point (p,) with Gauss-Newton intervals, widened by the residual's correlation; the correlations
+    (p, p) of the values with each other).
 
     `error_floor_rad` is the least error to reckon with. With `expected` nothing has been fitted yet: the
     residual says nothing, and the floor with a typical correlation stands for it. What the data do not say is
@@ -70,7 +78,7 @@ def estimates(
     covariance = np.linalg.inv(information)
     sigma = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(sigma, sigma)
-    return [_estimate(problem, point, sigma, correlation, index) for index in range(len(point))]
+    return [_estimate(problem, point, sigma, correlation, index) for index in range(len(point))], correlation
 
 
 def estimated(

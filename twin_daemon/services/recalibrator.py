@@ -35,6 +35,7 @@ _IDLE_S = 10.0
 _PERIOD_S = 1.0
 _AUTOMATIC_S = 0.2  # while a motion of its own comes or goes on
 _AFTER_CANCEL_MIN = 60.0  # whoever has cancelled one is not to find the next one at once
+_MOST_SAID = 4  # changes in one sentence
 _KEEP_S = 60.0  # so much motion is forgotten where the daemon is killed
 _HANGS_S = 6 * 3600.0  # at the lowest priority beside other work a run is slow; after this long it hangs
 
@@ -324,15 +325,17 @@ class Recalibrator:
             self._service.tell("recalibration", f"the recalibration failed: {found['error']}")
             return
         self._last = {
-            key: found[key] for key in ("version", "better", "candidate", "promoted", "against", "appeared", "gain")
+            key: found[key]
+            for key in ("version", "better", "candidate", "promoted", "against", "appeared", "changed", "gain")
         }
+        changed = f"; {', '.join(found['changed'][:_MOST_SAID])}" if found["changed"] else ""
         appeared = f"; {', '.join(found['appeared'])} has appeared" if found["appeared"] else ""
         what = (
             "promoted" if found["promoted"] else "kept as a candidate" if found["candidate"] else "stored, no candidate"
         )
         against = f" ({'; '.join(found['against'])})" if found["against"] else ""
         gain = f"{found['gain']:.0%} of the held-out error gone"
-        text = f"recalibrated: {gain}{appeared}; {found['version'][:12]} is {what}{against}"
+        text = f"recalibrated: {gain}{appeared}{changed}; {found['version'][:12]} is {what}{against}"
         self._service.tell("recalibration", text, self._last)
 
     def _watch_version(self, now_s: float) -> None:

@@ -8,7 +8,7 @@ from .content_store import Stored
 from .diff import ParameterChange, VersionDiff, diff
 from .standing import Worse
 from .store import Note, Proposed, VersionStore
-from .version import NOMINAL, Draft, ParameterRecord, RecordingUsed, Version, promised_rad2, seal
+from .version import NOMINAL, Draft, ParameterRecord, PosteriorRecord, RecordingUsed, Version, promised_rad2, seal
 
 __all__ = [
     "NOMINAL",
@@ -16,6 +16,7 @@ __all__ = [
     "Note",
     "ParameterChange",
     "ParameterRecord",
+    "PosteriorRecord",
     "Proposed",
     "RecordingUsed",
     "Stored",

@@ -10,7 +10,7 @@ from functools import cache
 from importlib import metadata
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 import twin_daemon
 from twin_daemon.jsonable import canonical, plain
@@ -42,6 +42,27 @@ class RecordingUsed(_Strict):
     sha256: str
 
 
+class PosteriorRecord(_Strict):
+    """What is known of a version's values together: means and covariance in the values' units.
+
+    `not_excited` are those that its own recordings say nothing of: what was known of them before stands there.
+    """
+
+    names: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    means: tuple[float, ...] = ()
+    covariance: tuple[tuple[float, ...], ...] = ()
+    not_excited: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _shapes(self) -> PosteriorRecord:
+        count = len(self.names)
+        sizes = {len(self.units), len(self.means), len(self.covariance), *map(len, self.covariance)}
+        if sizes != ({count} if count else {0}):
+            raise ValueError("names, units, means and covariance differ in length")
+        return self
+
+
 def promised_rad2(errors: Mapping[str, Any] | None) -> float | None:
     """Mean squared error that a version's `errors` promise: on motion that it had not seen, else on what it was fitted
     to. None where it was never judged.
@@ -63,6 +84,9 @@ class Draft(_Strict):
     title: str = ""
     note: str = ""
     parameters: dict[str, ParameterRecord] = {}
+    posterior: PosteriorRecord | None = Field(
+        default=None, description="how sure it is of its values, together; null in versions of before"
+    )
     fitted_on: tuple[RecordingUsed, ...] = ()
     held_out_on: tuple[RecordingUsed, ...] = ()
     errors: dict[str, Any] = Field(

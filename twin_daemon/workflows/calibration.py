@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from twin_daemon.workflows.data_check import warn_before_fit
 from twin_daemon.workflows.progress import progress_bar
-from twin_daemon.workflows.session import Session, held_out, used
+from twin_daemon.workflows.session import Session, held_out, known_after, used
 
 if TYPE_CHECKING:
     from twin_daemon.calibration.calibrate import Calibration
@@ -54,24 +54,26 @@ def _store(
     from twin_daemon.versions import Draft, ParameterRecord
 
     twin = session.twin.changed(result.terms)
+    parameters = {
+        name: ParameterRecord(
+            value=p.value,
+            unit=p.unit,
+            lower=p.lower,
+            upper=p.upper,
+            at_bound=p.at_bound,
+            ci95=p.ci95,
+            identifiable=p.identifiable,
+        )
+        for name, p in result.parameters.items()
+    }
     draft = Draft(
         hand=session.hand.name,
         kind="calibrated",
         terms=result.terms.as_json(),
         parent=session.version,
         title=f"{search} over '{space}'",
-        parameters={
-            name: ParameterRecord(
-                value=p.value,
-                unit=p.unit,
-                lower=p.lower,
-                upper=p.upper,
-                at_bound=p.at_bound,
-                ci95=p.ci95,
-                identifiable=p.identifiable,
-            )
-            for name, p in result.parameters.items()
-        },
+        parameters=parameters,
+        posterior=known_after(session, parameters, result.correlations),
         fitted_on=used(train),
         held_out_on=used(held),
         errors=_errors_to_keep(result),

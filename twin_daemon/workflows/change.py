@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from twin_daemon.errors import BadInput, nearest
 from twin_daemon.places import ROBOT
 from twin_daemon.workflows.diagnosis import train_and_held
-from twin_daemon.workflows.session import Session, used
+from twin_daemon.workflows.session import Session, known_after, used
 from twin_daemon.workflows.take_over import Taken
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from twin_daemon.simulation.terms import EffectTerm
     from twin_daemon.simulation.twin import TwinModel
     from twin_daemon.versions import Draft
+    from twin_daemon.versions.posterior import Correlated
 
 
 def added_to(
@@ -176,22 +177,31 @@ def draft_of(
     payload: Mapping[str, Any],
     train: Sequence[Aligned],
     held: Sequence[Aligned],
+    correlations: Sequence[Correlated] = (),
 ) -> Draft:
     """The version of a changed twin, with the errors and fitted values that a payload has."""
     from twin_daemon.versions import Draft, ParameterRecord
 
     names = ("before", "after", "holdout_before", "holdout_after", "clear_holdout_before", "clear_holdout_after")
     moving = [name for i, name in enumerate(changed.joints) if any(r.moving[i] for r in train)]
+    parameters = {
+        name: ParameterRecord(
+            value=p["value"],
+            unit=p["unit"],
+            ci95=p["ci95"],
+            at_bound=p.get("at_bound", False),
+            identifiable=p.get("identifiability"),
+        )
+        for name, p in payload.get("parameters", {}).items()
+    }
     return Draft(
         hand=session.hand.name,
         kind=kind,
         terms=changed.terms.as_json(),
         parent=session.version,
         title=title,
-        parameters={
-            name: ParameterRecord(value=p["value"], unit=p["unit"], ci95=p["ci95"], at_bound=p.get("at_bound", False))
-            for name, p in payload.get("parameters", {}).items()
-        },
+        parameters=parameters,
+        posterior=known_after(session, parameters, correlations),
         fitted_on=used(train),
         held_out_on=used(held),
         seed=payload.get("seed"),

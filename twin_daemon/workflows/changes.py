@@ -79,9 +79,10 @@ def earlier_of(
     if read and {r.recording.sha256 for r in read} == wanted:
         return Earlier(tuple(read), since.id)
     from twin_daemon.changes.remembered import believed
+    from twin_daemon.versions.posterior import intervals, posterior_of
 
     note = "the version's recordings are not at hand, so that its values stand for them: intervals are wider"
-    return Earlier((), since.id, believed(session.twin, since.parameters), note)
+    return Earlier((), since.id, believed(session.twin, intervals(posterior_of(since, session.store.now()))), note)
 
 
 def diagnosed_since(

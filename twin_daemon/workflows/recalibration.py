@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from twin_daemon.workflows.calibration import fitted_values
@@ -12,8 +13,10 @@ from twin_daemon.workflows.progress import progress_bar, progress_console
 from twin_daemon.workflows.session import Session, held_out
 
 if TYPE_CHECKING:
+    from twin_daemon.estimation.estimate import Estimate
     from twin_daemon.recalibration.recalibrate import Recalibration
     from twin_daemon.simulation.alignment import Aligned
+    from twin_daemon.simulation.twin import TwinModel
 
 
 def recalibrated(
@@ -47,7 +50,8 @@ def recalibrated(
             say=lambda line: console.print(line, markup=False, emoji=False),
         )
     payload = _payload(session, found, held, notes, seed)
-    draft = draft_of(session, found.twin, "recalibrated", _title(found), payload, train, held)
+    together = found.calibration.correlations if found.ladder is None else ()
+    draft = draft_of(session, found.twin, "recalibrated", _title(found), payload, train, held, together)
     stored = session.store.propose(draft, found.twin.mjcf())
     payload["version"], payload["candidate"] = stored.version.id, stored.candidate
     worse = session.store.worse_than_current(stored.version)
@@ -95,6 +99,7 @@ def _payload(
         "gain_ci95": list(decision.gain_ci95),
         "against": list(decision.against),
         "appeared": list(found.appeared),
+        "changed": changed_in_words(session.twin, found.parameters),
         "verdict": None if found.ladder is None else found.ladder.last_judged.verdict,
         "parameters": fitted_values(found.parameters),
         "evaluations": fitted.evaluations,
@@ -102,3 +107,19 @@ def _payload(
         "notes": notes,
         "seed": seed,
     }
+
+
+def changed_in_words(before: TwinModel, parameters: Mapping[str, Estimate]) -> list[str]:
+    """The model's numbers that have left where they were by more than their intervals, the greatest change first."""
+    from twin_daemon.simulation.parameters import KINDS
+
+    said: list[tuple[float, str]] = []
+    for name, one in parameters.items():
+        if ":" in name or name.rpartition(".")[2] not in KINDS:
+            continue
+        was = before.parameter(name).read(before.model)
+        if was <= 0.0 or one.value <= 0.0 or one.ci95[0] <= was <= one.ci95[1]:
+            continue
+        percent, low, high = (f"{100.0 * (value / was - 1.0):+.0f}" for value in (one.value, *one.ci95))
+        said.append((abs(math.log(one.value / was)), f"{name} {percent} % ({low} to {high} %)"))
+    return [text for _, text in sorted(said, reverse=True)]

@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from twin_daemon.hand import Hand
     from twin_daemon.simulation.alignment import Aligned
     from twin_daemon.simulation.twin import TwinModel
-    from twin_daemon.versions import RecordingUsed, VersionStore
+    from twin_daemon.versions import ParameterRecord, PosteriorRecord, RecordingUsed, VersionStore
+    from twin_daemon.versions.posterior import Correlated
 
 log = logging.getLogger("twin")
 
@@ -104,6 +105,16 @@ def used(recordings: Sequence[Aligned]) -> tuple[RecordingUsed, ...]:
     from twin_daemon.versions import RecordingUsed
 
     return tuple(RecordingUsed(name=r.recording.name, sha256=r.recording.sha256) for r in recordings)
+
+
+def known_after(
+    session: Session, parameters: Mapping[str, ParameterRecord], correlations: Sequence[Correlated] = ()
+) -> PosteriorRecord:
+    """How sure the session's version is after a fit: what that could not see is as sure as it was, widened by time."""
+    from twin_daemon.versions.posterior import after_fit, posterior_of
+
+    before = None if session.version is None else session.store.get(session.version)
+    return after_fit(parameters, correlations, None if before is None else posterior_of(before, session.store.now()))
 
 
 def silence_mujoco() -> None:
