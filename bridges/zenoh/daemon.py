@@ -91,7 +91,8 @@ class Daemon:
         self._diagnoser = Diagnoser(self._saver, self.service, setup.hand_options)
         stack.callback(self._diagnoser.close)
         self._recalibrator = self._begin_recalibrator(session, source)
-        namer = ChangeNamer(self._saver, self.service, source.store, setup.folder, setup.hand_options)
+        nice = setup.settings.recalibration.nice
+        namer = ChangeNamer(self._saver, self.service, source.store, setup.folder, setup.hand_options, nice)
         stack.callback(namer.close)
         self._promotions = Promotions(source, self.service.ready)
         stack.callback(self._promotions.close)

@@ -89,7 +89,7 @@ def _sent(session: zenoh.Session, namespace: str, made: Recording, begin_ns: int
 def test_a_drift_is_named_by_the_daemon_itself(twin: Any, tmp_path: Path, state_dir: Path, until: Any) -> None:
     model = tmp_path / "elbow.xml"
     model.write_text(_MODEL)
-    (tmp_path / "twin.yaml").write_text(yaml.safe_dump({"model": str(model)}))
+    (tmp_path / "twin.yaml").write_text(yaml.safe_dump({"model": str(model), "recalibration": {"nice": 0}}))
     version = _version(model, state_dir)
     namespace = load_hand(model=model).description.namespace
     healthy, worn = _made(model, "long", _LEARNT_S, 2), _made(model, "worn", _WORN_S, 3, damping=1.3)

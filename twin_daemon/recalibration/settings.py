@@ -34,7 +34,9 @@ class RecalibrationSettings(BaseModel):
         le=86_400.0,
         description="what a run may take of all cores, a diagnosis included, if nothing else ran",
     )
-    nice: int = Field(default=19, ge=0, le=19, description="priority of its process; 19 is the lowest")
+    nice: int = Field(
+        default=19, ge=0, le=19, description="priority of its process, and of what names a change; 19: lowest"
+    )
     trajectory: str = Field(default="rich_hand", description="of an active run")
     identity: str = Field(default="automatic", description="in whose name an active run arms the hand")
     countdown_s: float = Field(

@@ -20,8 +20,7 @@ log = logging.getLogger("twin")
 
 _PERIOD_S = 1.0
 _WATCHED_S = 30.0  # of motion since the alarm, so that what is diagnosed is the hand as it is now
-_LOWEST_PRIORITY = 19
-_HANGS_S = 3600.0  # beside other work a diagnosis of the lowest priority is slow; after this long it hangs
+_HANGS_S = 3600.0  # beside other work a diagnosis of low priority is slow; after this long it hangs
 APPEARS = ("backlash",)
 """Effects that a recalibration should not hide, however small."""
 
@@ -30,7 +29,8 @@ class ChangeNamer:
     """Keeps what the hand has done since a drift, and lets `twin diagnose --since` read it in a process of its own.
 
     What it finds becomes an event, a note beside the version and a line of the health report. `arguments` name the hand
-    for the command line. Works in a thread of its own, so that the loop never waits for a disk.
+    for the command line; `nice` is the priority of that process. Works in a thread of its own, so that the loop never
+    waits for a disk.
     """
 
     def __init__(
@@ -40,10 +40,10 @@ class ChangeNamer:
         store: VersionStore,
         folder: Path,
         arguments: Sequence[str],
-        watched_s: float = _WATCHED_S,
+        nice: int,
     ) -> None:
         self._saver, self._service, self._store = saver, service, store
-        self._folder, self._arguments, self._watched_s = folder, list(arguments), watched_s
+        self._folder, self._arguments, self._nice = folder, list(arguments), nice
         self._child: Child | None = None
         self._version, self._began_s = "", 0.0
         self._joints: list[str] = []  # that drift and were not diagnosed yet
@@ -77,7 +77,7 @@ class ChangeNamer:
                 self._seen_ns = event["stamp_ns"]
                 self._joints.append(event["joint"])
                 self._since_ns = self._service.stamp_ns
-                self._due_s = now_s + self._watched_s
+                self._due_s = now_s + _WATCHED_S
         if self._child is not None:
             self._take_up(now_s)
         elif self._due_s is not None and now_s >= self._due_s:
@@ -93,7 +93,7 @@ class ChangeNamer:
         arguments = ["diagnose", "--recording", str(kept["path"]), *self._arguments]
         arguments += ["--since", self._version, "--joints", *joints]
         arguments += ["--within", str(self._service.settings.name_changes_seconds)]
-        self._child = Child(*arguments, result=self._folder / "changes.result.json", nice=_LOWEST_PRIORITY)
+        self._child = Child(*arguments, result=self._folder / "changes.result.json", nice=self._nice)
 
     def _take_up(self, now_s: float) -> None:
         child = self._child
