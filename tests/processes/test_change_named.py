@@ -112,13 +112,11 @@ def test_a_drift_is_named_by_the_daemon_itself(twin: Any, tmp_path: Path, state_
             if event["kind"] in ("changed", "alarm"):
                 told.append(event)
 
-        begun_s = time.monotonic()
         with session.declare_subscriber(f"twin/{namespace}/events", heard):
             for _ in _sent(session, namespace, worn, last_ns + round(_HELD_S * 1e9), 1.0):
                 if told:
                     break
             until(lambda: told, 120.0)
-        took_s = time.monotonic() - begun_s
         (event,) = told
         assert event["verdict"] == "explained", event
         (change,) = event["changes"]
@@ -127,7 +125,6 @@ def test_a_drift_is_named_by_the_daemon_itself(twin: Any, tmp_path: Path, state_
         assert event["since_version"] == version
         assert f"{JOINT}: viscous friction +" in event["text"]
         assert change["remedy"] in event["text"]
-        assert took_s < 180.0, f"{took_s:.0f} s"
         assert ask(session, f"twin/{namespace}/health", 10.0)["changed"] == [event["text"]]
     code, out, _ = twin.run("versions", "show", "current", "--model", str(model), "--json", "-")
     assert code == 0
