@@ -11,16 +11,17 @@ import numpy as np
 from twin_daemon.diagnosis.candidates import Hypothesis
 from twin_daemon.diagnosis.fit import FirstFit, Fit, as_fit, moved_parameters, own_columns
 from twin_daemon.diagnosis.thresholds import (
+    CLOSER_LOOK,
     COARSER_STEPS,
     DEVIATING_SIGMA,
     FORBIDDEN_SIGMA,
     GONE_FAR,
     HARDLY_FURTHER,
     LEAST_SHARE_OF_ERROR,
+    MOST_OF_EXCESS,
     MOVED_SIGMA,
     NUISANCE_ROLLOUTS,
     SETTLED,
-    SURE_FLOOR_SHARE,
     SURE_FLOOR_SIGMA,
     SUSPECT_SIGMA,
 )
@@ -142,14 +143,13 @@ class PartFit:
         return np.concatenate([slopes, self.problem.prior_slopes()])
 
     def _is_within_floor(self, point: np.ndarray, rows: np.ndarray) -> bool:
-        """Whether nuisances that are nowhere near their limits leave no more than the floor."""
+        """Whether nuisances that are nowhere near their limits leave no more than a right model does."""
         priors = rows[len(rows) - len(self.variables) :]
         data = float((rows**2).sum() - (priors**2).sum()) / self.problem.effective_samples
-        most = SURE_FLOOR_SHARE * FLOOR_CHI_SQUARE
-        if data > most or float(np.abs(priors).max(initial=0.0)) > SURE_FLOOR_SIGMA:
+        if data > CLOSER_LOOK or float(np.abs(priors).max(initial=0.0)) > SURE_FLOOR_SIGMA:
             return False
         offset = max(map(abs, self.problem.offsets(point).values()), default=0.0)
-        return offset < SURE_FLOOR_SIGMA and bool((self.problem.times_floor(point) <= most).all())
+        return offset < SURE_FLOOR_SIGMA and bool((self.problem.times_floor(point) <= CLOSER_LOOK).all())
 
     # -- candidates ----------------------------------------------------------------------------------------
 
@@ -176,6 +176,17 @@ class PartFit:
     def within_floor(self) -> bool:
         """Whether the nuisances alone leave of every joint what its sensor does."""
         return bool((self.times_floor <= FLOOR_CHI_SQUARE).all())
+
+    @property
+    def worth_a_look(self) -> bool:
+        """Whether a joint leaves more than right models do, although no more than one may."""
+        return bool((self.times_floor > CLOSER_LOOK).any())
+
+    def takes_enough(self, fit: Fit) -> bool:
+        """Whether a fit takes most of what the worst joint leaves beyond its floor: asked where that is not much."""
+        worst = int(np.argmax(self.times_floor))
+        left = float(fit.problem.times_floor(fit.point)[worst])
+        return left - 1.0 <= (1.0 - MOST_OF_EXCESS) * (float(self.times_floor[worst]) - 1.0)
 
     @cached_property
     def moved(self) -> tuple[MovedParameter, ...]:

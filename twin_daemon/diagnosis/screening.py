@@ -8,15 +8,16 @@ from functools import cached_property
 
 import numpy as np
 
-from twin_daemon.diagnosis.candidates import Hypothesis, informed
+from twin_daemon.diagnosis.candidates import Hypothesis, hypotheses, informed
 from twin_daemon.diagnosis.fit import FirstFit, Start, own_columns
 from twin_daemon.diagnosis.part_fit import PartFit
-from twin_daemon.diagnosis.thresholds import FURTHEST_ALONG, SCREENED_S
+from twin_daemon.diagnosis.thresholds import DECISIVE_NATS, FURTHEST_ALONG, MOST_OF_EXCESS, SCREENED_S
 from twin_daemon.errors import BadInput
 from twin_daemon.estimation.nuisances import factors
 from twin_daemon.estimation.posterior import Posterior
 from twin_daemon.estimation.solvers.trust_region import Derivative, descend, differenced
 from twin_daemon.estimation.variables import OnsetVariable, Variable
+from twin_daemon.executor import concurrently
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
 
@@ -105,6 +106,17 @@ class Screening:
         return (
             float(sum(len(r.time_s) for r in self._screened) * len(self._part.joints)) / self._part.problem.correlation
         )
+
+    def promising(self) -> bool:
+        """Whether some candidate may take most of what is left beyond the floor away, by the secants to its starts."""
+        part = self._part
+        asked = hypotheses(part.twin, sorted(part.suspects, key=part.joints.index), whole_hand=False)
+        return any(self.promises(s.expected) for starts in concurrently(self.screen, asked) for s in starts[:1])
+
+    def promises(self, cost: float) -> bool:
+        """Whether what leaves a cost takes most of what is left beyond the floor away."""
+        gained, excess = self.cost - cost, self.cost - self.floor_cost
+        return gained > max(MOST_OF_EXCESS * excess, 2.0 * DECISIVE_NATS)
 
     def screen(self, hypothesis: Hypothesis) -> list[Start]:
         """Starts of a candidate with the cost that it could reach along the secant to each, nuisances going along.

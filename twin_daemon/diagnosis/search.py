@@ -11,10 +11,11 @@ from twin_daemon.diagnosis.conclude import Outcome, conclude, forced_nuisances, 
 from twin_daemon.diagnosis.fit import Fit
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.power import undetectable
+from twin_daemon.diagnosis.screening import Screening
 from twin_daemon.diagnosis.selection import Say, next_effect, swap_rivals
 from twin_daemon.diagnosis.shared import Shared, SharedCause, SharedSearch, at_nominal, look, shared_causes
 from twin_daemon.diagnosis.thresholds import (
-    DECISIVE_NATS,
+    CLOSER_LOOK,
     DEVIATING_SIGMA,
     FULL_FIT_ROLLOUTS,
     MOST_EFFECTS,
@@ -27,7 +28,6 @@ from twin_daemon.diagnosis.verdict import Diagnosis, Finding
 from twin_daemon.effects import LIBRARY
 from twin_daemon.estimation.nuisances import NOMINAL_KINDS
 from twin_daemon.estimation.partition import Reduced, Reduction
-from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
 from twin_daemon.estimation.variables import EffectVariable
 from twin_daemon.executor import OutOfTime, TimeLimit, concurrently
 from twin_daemon.places import ROBOT
@@ -35,6 +35,8 @@ from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.submodel import drive_groups, linked
 from twin_daemon.simulation.terms import EffectTerm
 from twin_daemon.simulation.twin import TwinModel
+
+_DELAY = "delay"  # what is uncertain about the time of all commands of a recording
 
 
 def diagnose(
@@ -137,7 +139,7 @@ def _of_all(
     if 2 * sum(not part.within_floor for _, part in begun) <= len(begun):
         return None
     search = SharedSearch(twin, reduction, begun)
-    chosen: list[int] = np.flatnonzero(search.times_floor > FLOOR_CHI_SQUARE).tolist()
+    chosen: list[int] = np.flatnonzero(search.times_floor > CLOSER_LOOK).tolist()
     if len(chosen) < 2 or 2 * len(chosen) <= len(begun):
         return None
     above = [begun[i] for i in chosen]
@@ -177,17 +179,13 @@ def _common(
 
     One gain may be three sigma off. Eleven that are three sigma off the same way are a supply that sags: under what is
     known of nominal values their mean has a sigma of one over the root of eleven. A weak servo without gravity looks
-    like one with more to move, so that whatever is off asks for all of them.
+    like one with more to move, and a late bus like damping, so that whatever is off asks for all of them.
     """
-    if not any(_off_the_same_way(looked_at, kind) for kind in NOMINAL_KINDS):
+    if not any(_off_the_same_way(looked_at, kind) for kind in (*NOMINAL_KINDS, _DELAY)):
         return None
-    causes = [
-        SharedCause(effect, ROBOT)
-        for effect in LIBRARY.values()
-        if effect.shared in ("servos", "joints") and effect.competes_with
-    ]
+    causes = [SharedCause(effect, ROBOT) for effect in LIBRARY.values() if effect.shared in ("servos", "joints")]
     shared = SharedSearch(twin, reduction, looked_at).best(causes, limit, seed)
-    if shared is None or shared.finding.evidence_nats < DECISIVE_NATS:
+    if shared is None:
         return None
     say(f"{shared.finding.name}: nominal values of all groups are off the same way")
     return shared
@@ -195,9 +193,7 @@ def _common(
 
 def _off_the_same_way(looked_at: Sequence[tuple[Reduced, PartFit]], kind: str) -> bool:
     """Whether the nominal values of a kind ("kp", "damping", ...) are off by more than each on its own may be."""
-    found = [
-        sigma for _, part in looked_at for name, sigma in part.base.deviations.items() if name.endswith(f".{kind}")
-    ]
+    found = [sigma for _, part in looked_at for name, sigma in part.base.deviations.items() if kind in name.split(".")]
     return len(found) > 1 and abs(sum(found)) > DEVIATING_SIGMA * len(found) ** 0.5
 
 
@@ -311,6 +307,8 @@ def _within_floor(part: PartFit, reduced: Reduced, seed: int, say: Say, *, seen:
     outcome.left = validation.judge(part.base).adequacy
     outcome.undetectable = undetectable(part) if outcome.left > 1.0 or not seen else []
     say(said)
+    if part.worth_a_look and Screening(part).promising():
+        return None
     # what only held-out motion shows is looked for where the other motion can show it
     if outcome.left <= 1.0 or outcome.undetectable or _by_parameters(reduced, validation, seed):
         outcome.within_floor = True

@@ -17,6 +17,7 @@ from twin_daemon.diagnosis.thresholds import (
     ALIKE,
     COMPARABLE,
     DECISIVE_NATS,
+    DEVIATING_SIGMA,
     FINALISTS,
     FULL_FIT_ROLLOUTS,
     LEAST_RACING,
@@ -44,6 +45,10 @@ def next_effect(part: PartFit, validation: Validation, say: Say, outcome: Outcom
         before = tried.get(first.hypothesis.name)
         tried[first.hypothesis.name] = first if before is None or first.cost < before.cost else before
     first_fits = sorted(tried.values(), key=lambda first: first.cost)
+    # at the floor, with nothing far off, an effect has to be worth its name
+    unforced = part.within_floor and not any(abs(s) > DEVIATING_SIGMA for s in part.base.deviations.values())
+    if unforced and not any(map(screening.promises, (first.cost for first in first_fits))):
+        return None
     if not first_fits:
         return None
     within = [first for first in first_fits if first.cost < COMPARABLE * first_fits[0].cost + screening.floor_cost]
@@ -77,7 +82,9 @@ def next_effect(part: PartFit, validation: Validation, say: Say, outcome: Outcom
             reason = "adds less evidence than its parameters cost"
         elif not stands_out(fit):
             reason = "its value may as well be that of the model without it"
-        elif not judged.passes:
+        elif (unforced or (judged.silent and not judged.passes)) and not part.takes_enough(fit):
+            reason = "takes little of what is left beyond the floor away"
+        elif not judged.passes and not judged.silent:
             reason = f"does not help on held-out motion (gain {judged.gain:.0%}, interval reaches below 0)"
         elif best is None:
             best, best_evidence = Accepted(part, fit, judged), evidence

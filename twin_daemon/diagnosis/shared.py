@@ -108,7 +108,8 @@ class _Group:
         rows = chosen.residuals(chosen.start[None])[0]
         self._basis, _ = np.linalg.qr(differenced(chosen, chosen.start, rows, range(len(chosen.start))))
         self.rows = self.left(rows)
-        self.times_floor = float(self.rows @ self.rows) / chosen.effective_samples
+        self.floor_cost = chosen.effective_samples
+        self.times_floor = float(self.rows @ self.rows) / self.floor_cost
 
     def _variables(self) -> tuple[Variable, ...]:
         return over_some(self._part.variables, self.reduced.train, self._kept)
@@ -289,7 +290,7 @@ class SharedSearch:
     ) -> Shared | None:
         """The cause that brings the groups back to the floor, on held-out motion too; None where none does.
 
-        What leaves more than a share `most_left` of the cost is not looked at any further.
+        What leaves more than a share `most_left` of the cost beside the floor is not looked at any further.
         """
         begun = sorted((b for c in causes if (b := self.begun(c, limit)) is not None), key=lambda one: one.cost)
         fits: list[tuple[_Begun, np.ndarray]] = []
@@ -300,7 +301,8 @@ class SharedSearch:
             return None
         fits.sort(key=lambda fit: fit[0].cost)
         best = fits[0][0]
-        if best.cost > most_left * float(self._nothing @ self._nothing):
+        nothing = float(self._nothing @ self._nothing)
+        if best.cost > most_left * nothing + sum(group.floor_cost for group in self._groups):
             return None
         found, slopes, there = self.settled(best, limit)
         cause, values = found.cause, found.values
@@ -317,13 +319,14 @@ class SharedSearch:
         before, after = squares
         others = [other for other, _ in fits if other is not best]
         ties = tuple(o.cause.name for o in others if 0.5 * (o.cost - best.cost) < DECISIVE_NATS)
-        nothing = float(self._nothing @ self._nothing)
         shares = posterior({one.cause.name: 0.5 * (nothing - one.cost) for one, _ in fits}, DECISIVE_NATS)
         both = zip(above, looked_at, strict=True)
         evidence = 0.5 * sum(old.base.cost - new.base.cost for (_, old), (_, new) in both)
         if any(old.nominal for _, old in above):
             # over what the uncertain values could do instead, which nobody has fitted: on what was searched
             evidence = 0.5 * (nothing - found.cost)
+        if evidence < DECISIVE_NATS:
+            return None
         joints = tuple(dict.fromkeys(joint for reduced, _ in self._above for joint in reduced.joints))
         story = cause.effect.story
         finding = Finding(

@@ -41,7 +41,9 @@ SHARED_SHARES = tuple(
     for share in (1.0, 0.3, 0.1, 0.03, 0.01)
 )
 OF_ALL_LEFT = Threshold(
-    0.25, "1", "of the error: a cause of all servos that leaves more is asked again when the nuisances are fitted"
+    0.25,
+    "1",
+    "of the error, beside its floor: a cause of all servos that leaves more is asked again beside fitted nuisances",
 )
 SHARED_FINALISTS = Count(5, "causes", "behind several groups that are fitted, of all that were begun")
 SHARED_STEPS = tuple(
@@ -53,7 +55,14 @@ SHARED_HALVINGS = Count(3, "halvings", "of a step of such values that gains noth
 
 # -- verdicts ------------------------------------------------------------------------------------------------
 
-SURE_FLOOR_SHARE = Threshold(0.8, "1", "of that: nuisances that reach it are not fitted further")
+CLOSER_LOOK = Threshold(
+    1.5,
+    "floors",
+    "mean square of a joint that is looked at again: right models leave 0.8 to 1.3 where what is uncertain is fitted",
+)
+MOST_OF_EXCESS = Threshold(
+    0.5, "1", "of what such a joint leaves beyond its floor: an effect that takes less away bends a right model"
+)
 SURE_FLOOR_SIGMA = Threshold(3.0, "sigma", "from its prior: nor may any of them be further")
 LEAST_SHARE_OF_ERROR = Threshold(0.04, "1", "of a part's error: joints with less are not suspected beside worse ones")
 MOVED_SIGMA = Threshold(

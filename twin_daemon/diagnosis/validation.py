@@ -21,7 +21,8 @@ from twin_daemon.simulation.alignment import Aligned
 class HeldOut:
     """A fit on held-out motion beside the model without the effect. Errors in rad^2.
 
-    `by_joint` (k,) is what is left of each joint in floors, `allowed` (k,) what a right model may leave.
+    `by_joint` (k,) is what is left of each joint in floors, `allowed` (k,) what a right model may leave. `asked` is
+    whether the model without the effect leaves more than that: otherwise this motion cannot speak for an effect.
     """
 
     mse_before: float
@@ -30,6 +31,12 @@ class HeldOut:
     gain_ci95: tuple[float, float]
     by_joint: np.ndarray
     allowed: np.ndarray
+    asked: bool
+
+    @property
+    def silent(self) -> bool:
+        """Whether this motion speaks neither for the effect nor against it."""
+        return not self.asked and self.gain_ci95[1] >= 0.0
 
     @property
     def passes(self) -> bool:
@@ -92,6 +99,7 @@ class Validation:
             gain_ci95=block_gain(squares_before, squares_after, self._block, self._seed),
             by_joint=left,
             allowed=self.allowed,
+            asked=bool((_left(before, self._known, part.floor) > self.allowed).any()),
         )
 
     def squares(self) -> np.ndarray:

@@ -11,8 +11,8 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 
 from twin_daemon.estimation.thresholds import (
+    DELAY_CYCLES,
     DELAY_REACH,
-    DELAY_SIGMA_S,
     FREE_ONSET_SIGMA_S,
     NUISANCE_REACH,
 )
@@ -49,11 +49,18 @@ def nuisance_variables(twin: TwinModel, recordings: Sequence[Aligned], joints: S
             along = [v.name for v in found if set(v.joints) <= set(driven)]
             found.append(_factor(servo, (servo, *along), assumed.gain, *driven))
     for number, (_, members) in enumerate(_by_recording(recordings).items()):
-        sigma = FREE_ONSET_SIGMA_S if recordings[members[0]].onset_free else DELAY_SIGMA_S
+        sigma = _delay_sigma_s(recordings[members[0]])
         reach = DELAY_REACH * sigma
         prior = Prior(0.0, sigma)
         found.append(OnsetVariable(f"delay.{number}", "s", -reach, reach, 0.0, recordings=tuple(members), prior=prior))
     return (*found, *_link_variables(recordings, joints))
+
+
+def _delay_sigma_s(recording: Aligned) -> float:
+    """How well the time at which a command takes effect is known: within a cycle of the robot, where it is recorded."""
+    if recording.onset_free:
+        return FREE_ONSET_SIGMA_S
+    return DELAY_CYCLES * float(np.median(np.diff(recording.time_s)))
 
 
 def _link_variables(recordings: Sequence[Aligned], joints: Sequence[str]) -> list[LinkVariable]:

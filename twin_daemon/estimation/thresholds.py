@@ -48,7 +48,9 @@ ZERO_START_FACTOR = Threshold(20.0, "1", "over its lower bound: where a positive
 PARAMETER_SIGMA = Threshold(
     NominalUncertainty().gain, "1", "of the logarithm of a nominal parameter: 20 % off is within 1.7 sigma"
 )
-DELAY_SIGMA_S = Threshold(3e-3, "s", "of a recorded command's time: half a period of a stream that is held")
+DELAY_CYCLES = Threshold(
+    0.5, "cycles", "between two readings, sigma of a recorded command's time: it takes effect at the robot's next cycle"
+)
 FREE_ONSET_SIGMA_S = Threshold(0.05, "s", "of the onset where no commands were recorded and it is estimated")
 OFFSET_FLOORS = Threshold(
     1.0, "1", "standard deviations of its noise: sigma of a reading's zero, set as well as it is read"
