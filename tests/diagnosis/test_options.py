@@ -25,6 +25,7 @@ def test_time_that_is_over_is_said_with_what_is_known(misread: tuple[Path, Path]
     assert said["interrupted"] is True
     assert "not searched to the end" in said["reason"]
     assert JOINT in said["reason"]
+    assert said["probabilities"] == []  # nobody knows how probable a law is that has not been asked for
 
 
 @pytest.mark.slow

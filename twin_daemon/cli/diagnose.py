@@ -120,8 +120,12 @@ def assumptions(tolerance_mrad: float | None, uncertainty: Sequence[str] | None)
 # -- for people --------------------------------------------------------------------------------------------
 
 
+_ENDED_EARLY = "Not explained yet: the search was ended before it was through."
+
+
 def _show(console: Console, payload: dict[str, Any], found: Diagnosis) -> None:
-    console.print(f"[bold]{IN_WORDS[found.verdict]}[/]")
+    ended_early = found.interrupted and found.verdict == "unexplained"
+    console.print(f"[bold]{_ENDED_EARLY if ended_early else IN_WORDS[found.verdict]}[/]")
     console.print(f"  {plain_text(found.reason)}")
     if found.probabilities:
         console.print(f"  {plain_text('; '.join(map(str, found.probabilities)))}")
@@ -208,7 +212,9 @@ def _how_to_go_on(found: Diagnosis) -> list[str]:
             f"Add it: twin add {first.effect} --joint {first.target} --recording R... fits it, "
             "twin add --finding FILE.json takes this over from --json FILE.json (twin ladder adds all)"
         )
-    if found.verdict == "unexplained":
+    if found.verdict == "unexplained" and found.interrupted:
+        lines.append("Give it more time (--within), or name the joints that matter (--joints).")
+    elif found.verdict == "unexplained":
         lines.append("Look at the joints and conditions above: 'twin effects' does not list the cause.")
         lines.append("To search for the law itself: twin propose, with the same recordings")
     return lines

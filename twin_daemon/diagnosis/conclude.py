@@ -97,7 +97,9 @@ def conclude(
     """`shared` are findings of several groups together, after which these are within the floor."""
     findings = [*shared, *(_finding(item, o.unknown) for o in outcomes for item in o.accepted)]
     findings.sort(key=lambda f: -f.evidence_nats)
-    probabilities = combined(_causes(outcomes, shared_posterior), [o.unknown for o in outcomes])
+    # of what was not searched to the end nobody can say how probable a law is that is not in the library
+    finished = not any(o.unfinished for o in outcomes)
+    probabilities = combined(_causes(outcomes, shared_posterior), [o.unknown for o in outcomes]) if finished else ()
     above = [o for o in outcomes if not o.within_floor]
     # of a part that only held-out motion puts above the floor a little more is no new law yet
     unexplained = [o for o in above if o.left > 1.0 and o.unknown > 1.0 - SURE]
