@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin_daemon.estimation.posterior import floor_variance
+from twin_daemon.estimation.start_errors import with_start_errors
 from twin_daemon.estimation.thresholds import (
     CONTACT_EVERY_S,
     CONTACT_MARGIN_M,
@@ -88,7 +89,10 @@ class Reduction:
         holdout = spread([p for found in pieces[count:] for p in found], MOST_PART_S)
         enough_held = not self._holdout or length_s(holdout) > 0.5 * least_s
         clear = length_s(train) > least_s and enough_held
-        return Reduced(part.name, tuple(joints), small, tuple(train), tuple(holdout)) if clear else None
+        if not clear:
+            return None
+        both = (tuple(with_start_errors(small, cut, joints)) for cut in (train, holdout))
+        return Reduced(part.name, tuple(joints), small, *both)
 
     def together(self, twin: TwinModel, groups: Sequence[Reduced]) -> Reduced | None:
         """Groups as one part of a twin, which may be another than they were cut from; of one group that group anew."""
@@ -174,6 +178,7 @@ def restricted(aligned: Aligned, small: TwinModel) -> Aligned:
         unhidden=None if aligned.unhidden is None else aligned.unhidden[:, columns],
         start_position=aligned.start_position[columns],
         start_velocity=aligned.start_velocity[columns],
+        start_velocity_sigma=None if aligned.start_velocity_sigma is None else aligned.start_velocity_sigma[columns],
     )
 
 

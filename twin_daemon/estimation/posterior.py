@@ -8,6 +8,7 @@ import numpy as np
 
 from twin_daemon.comparison.noise import noise_variance
 from twin_daemon.estimation.problem import Problem
+from twin_daemon.estimation.start_errors import Whitening
 from twin_daemon.estimation.thresholds import (
     FINER_STEPS,
     FLOOR_CHI_SQUARE,
@@ -86,6 +87,7 @@ class Posterior(Problem):
         correlation = correlation_s(twin, objective)
         periods = [float(np.median(np.diff(r.time_s))) for r in recordings]
         self._tau = [max(1.0, correlation / period) for period in periods]
+        self._started = [self._whitening(i) for i in range(len(recordings))]
         self._offset_held = offset_held
         self._free_offset = np.array([joint not in offset_held for joint in objective])
 
@@ -93,12 +95,21 @@ class Posterior(Problem):
         return recording.controls(self.twin, grid, onset_s, mean_over_s=float(self.twin.model.opt.timestep))
 
     def joint_residuals(self, points: np.ndarray, predicted: Sequence[np.ndarray] | None = None) -> list[np.ndarray]:
-        """Measured minus predicted (B, n, k) rad, the nominal model's time-step error taken out."""
+        """Measured minus predicted (B, n, k) rad, less the nominal model's time-step error and what starts may do."""
         residuals = super().joint_residuals(points, predicted)
-        if not self.corrections:
-            return residuals
-        zipped = zip(residuals, self.corrections, self._known, strict=True)
-        return [r - np.where(known, c, 0.0)[None] for r, c, known in zipped]
+        if self.corrections:
+            zipped = zip(residuals, self.corrections, self._known, strict=True)
+            residuals = [r - np.where(known, c, 0.0)[None] for r, c, known in zipped]
+        both = zip(residuals, self._started, strict=True)
+        return [r if started is None else started(r) for r, started in both]
+
+    def _whitening(self, index: int) -> Whitening | None:
+        """What takes the uncertain start of a recording out of its residuals; None where that does nothing."""
+        response = self.recordings[index].start_response
+        if response is None:
+            return None
+        seen = np.where(self._known[index][None], response[:, :, self._columns], 0.0)
+        return Whitening(seen, np.sqrt(self.floor * self._tau[index]))
 
     @property
     def correlation(self) -> float:

@@ -112,7 +112,7 @@ def _piece(aligned: Aligned, start: int, stop: int, width: int, turning: _Turnin
         return replace(aligned, time_s=time_s, measured=aligned.measured[:stop], unhidden=None)
     measured = aligned.measured[start:stop].copy()
     measured[time_s < UNSCORED_S] = np.nan
-    pose, speed = _state(aligned.time_s - begin, aligned.states, start, width)
+    pose, speed, sigma = _state(aligned.time_s - begin, aligned.states, start, width)
     return replace(
         aligned,
         time_s=time_s,
@@ -121,6 +121,7 @@ def _piece(aligned: Aligned, start: int, stop: int, width: int, turning: _Turnin
         onset_s=aligned.onset_s - begin,
         start_position=pose,
         start_velocity=speed,
+        start_velocity_sigma=sigma,
         reaction=None if aligned.reaction is None else aligned.reaction.shifted(begin),
         turns=turning.before(start, pose),
     )
@@ -147,8 +148,10 @@ class _Turning:
         return Turns(tuple(a[np.isfinite(a)] for a in angles), self._least)
 
 
-def _state(time_s: np.ndarray, measured: np.ndarray, index: int, width: int) -> tuple[np.ndarray, np.ndarray]:
-    """((j,) rad, (j,) rad/s) of all joints at a sample, from the line or the cubic through those around it.
+def _state(
+    time_s: np.ndarray, measured: np.ndarray, index: int, width: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """((j,) rad, (j,) rad/s, (j,) rad/s its sigma) of all joints at a sample, from the line or the cubic around it.
 
     A joint that is turning bends: the mean of the samples around it is then not where it is. One that sets off or stops
     within a sample or two is neither a line nor a cubic: the samples before that or those after it say where it is.
@@ -156,7 +159,7 @@ def _state(time_s: np.ndarray, measured: np.ndarray, index: int, width: int) -> 
     half = max(2, width // 3)
     around = slice(max(0, index - half), index + half + 1)
     sides = slice(max(0, index - 2 * half), index + 1), slice(index, index + 2 * half + 1)
-    pose, speed = np.full(measured.shape[1], np.nan), np.zeros(measured.shape[1])
+    pose, speed, sigma = np.full(measured.shape[1], np.nan), *np.zeros((2, measured.shape[1]))
     for joint, column in enumerate(measured.T):
         local = _Local.of(time_s[around], column[around])
         if local is not None and local.bends:
@@ -164,17 +167,18 @@ def _state(time_s: np.ndarray, measured: np.ndarray, index: int, width: int) -> 
             best = min(others, key=lambda other: other.variance, default=local)
             local = best if local.variance > BENDS * best.variance else local
         if local is not None:
-            pose[joint], speed[joint] = local.position, local.velocity
+            pose[joint], speed[joint], sigma[joint] = local.position, local.velocity, local.velocity_sigma
         elif np.isfinite(column[around]).any():
             pose[joint] = np.nanmean(column[around])
-    return pose, speed
+    return pose, speed, sigma
 
 
 class _Local(NamedTuple):
-    """A joint at time 0 by some samples: rad, rad/s, rad^2 that the curve leaves, and whether they bend."""
+    """A joint at time 0 by some samples: rad, rad/s, its sigma, rad^2 that the curve leaves, and whether they bend."""
 
     position: float
     velocity: float
+    velocity_sigma: float
     variance: float
     bends: bool
 
@@ -186,22 +190,24 @@ class _Local(NamedTuple):
         if known.sum() < 4:
             return None
         time_s, values = time_s[known], values[known]
-        line, line_variance = _curve(time_s, values, 1)
+        line, sigma, line_variance = _curve(time_s, values, 1)
         if len(values) > 6:
-            cubic, variance = _curve(time_s, values, 3)
+            cubic, cubic_sigma, variance = _curve(time_s, values, 3)
             if line_variance > BENDS * variance:
-                return cls(float(cubic[-1]), float(cubic[-2]), variance, True)
-        slope_variance = line_variance / float(((time_s - time_s.mean()) ** 2).sum())
-        if line[0] ** 2 < STILL_SIGMA**2 * slope_variance:
-            return cls(float(values.mean()), 0.0, line_variance, False)
-        return cls(float(line[1]), float(line[0]), line_variance, False)
+                return cls(float(cubic[-1]), float(cubic[-2]), cubic_sigma, variance, True)
+        slope = float(line[0])
+        if abs(slope) < STILL_SIGMA * sigma:
+            return cls(float(values.mean()), 0.0, max(sigma, abs(slope)), line_variance, False)
+        return cls(float(line[1]), slope, sigma, line_variance, False)
 
 
-def _curve(time_s: np.ndarray, values: np.ndarray, degree: int) -> tuple[np.ndarray, float]:
-    """The polynomial through samples (n,), and the rad^2 that it leaves for each degree of freedom."""
+def _curve(time_s: np.ndarray, values: np.ndarray, degree: int) -> tuple[np.ndarray, float, float]:
+    """The polynomial through samples (n,), sigma of its slope at 0, and the rad^2 left for each degree of freedom."""
     fit = np.polyfit(time_s, values, degree)
-    left = float(((np.polyval(fit, time_s) - values) ** 2).sum()) / (len(values) - len(fit))
-    return fit, max(left, 1e-18)
+    left = max(float(((np.polyval(fit, time_s) - values) ** 2).sum()) / (len(values) - len(fit)), 1e-18)
+    span = float(np.abs(time_s).max())
+    powers = np.vander(time_s / span, degree + 1)
+    return fit, float(np.sqrt(np.linalg.inv(powers.T @ powers)[-2, -2] * left)) / span, left
 
 
 def excerpts(recordings: Sequence[Aligned]) -> list[Aligned]:

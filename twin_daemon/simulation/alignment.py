@@ -34,7 +34,8 @@ class Aligned:
     cannot be told from it. `start_position` (j,) rad and `start_velocity` (j,) rad/s are measured at time 0.
     `unhidden` (n, j) rad is all that was measured, where something is hidden: states that roll-outs may start from.
     `reaction` is what joints that a sub-model leaves out do to it. `turns` is the motion before time 0, where that is
-    known.
+    known. `start_velocity_sigma` (j,) rad/s is how well the start velocity is known, `start_response` (s, n, j) rad
+    what so much of each of s joints does to the readings, where that is more than nothing.
     """
 
     recording: Recording
@@ -49,6 +50,8 @@ class Aligned:
     unhidden: np.ndarray | None = None
     reaction: Reaction | None = None
     turns: Turns | None = None
+    start_velocity_sigma: np.ndarray | None = None
+    start_response: np.ndarray | None = None
 
     @property
     def states(self) -> np.ndarray:
@@ -113,22 +116,23 @@ def _travel(values: np.ndarray) -> float:
     return float(high - low)
 
 
-def _start(time_s: np.ndarray, values: np.ndarray) -> tuple[float, float]:
-    """(position, velocity) at time 0 from one joint's samples; at rest unless the first ones clearly move."""
+def _start(time_s: np.ndarray, values: np.ndarray) -> tuple[float, float, float]:
+    """(position, velocity, its sigma) at time 0 from a joint's samples; at rest unless the first ones clearly move."""
     begin = slice(int(np.searchsorted(time_s, _SETTLE_S, side="right")))
     early = np.isfinite(values[begin])
     known = early if early.any() else np.isfinite(values)
     if not known.any():
-        return np.nan, 0.0
+        return np.nan, 0.0, 0.0
     first = float(values[known.argmax()])
     time_s, values = time_s[begin], values[begin]
     if early.sum() < 4:
-        return first, 0.0
+        return first, 0.0, 0.0
     slope, offset = np.polyfit(time_s[early], values[early], 1)
     scatter = float(np.std(values[early] - slope * time_s[early] - offset))
+    sigma = scatter / float(np.sqrt(((time_s[early] - time_s[early].mean()) ** 2).sum()))
     if abs(slope) * _SETTLE_S > 6.0 * max(scatter, 2e-3):
-        return float(offset), float(slope)
-    return float(np.mean(values[early])), 0.0
+        return float(offset), float(slope), sigma
+    return float(np.mean(values[early])), 0.0, max(sigma, abs(float(slope)))
 
 
 def align(twin: TwinModel, recording: Recording, trajectory: Trajectory | None = None) -> Aligned:
@@ -152,11 +156,12 @@ def align(twin: TwinModel, recording: Recording, trajectory: Trajectory | None =
             measured[:, twin.joints.index(name)] = recording.position[:, recording.joints.index(name)]
     time_s = (recording.stamp_ns - recording.stamp_ns[0]) * 1e-9
     starts = [_start(time_s, column) for column in measured.T]
-    position, velocity = np.array([p for p, _ in starts]), np.array([v for _, v in starts])
+    position, velocity, sigma = np.array(starts).T
     if trajectory is None and recording.commands is not None:
         signal = CommandSignal.from_stream(recording.commands, int(recording.stamp_ns[0]))
         _require_drive(twin, signal, recording)
-        return Aligned(recording, twin.joints, time_s, measured, signal, 0.0, False, position, velocity)
+        found = Aligned(recording, twin.joints, time_s, measured, signal, 0.0, False, position, velocity)
+        return replace(found, start_velocity_sigma=sigma)
     if trajectory is None:
         raise BadInput(
             "the recording holds no commands",
@@ -166,6 +171,7 @@ def align(twin: TwinModel, recording: Recording, trajectory: Trajectory | None =
     signal = CommandSignal.from_trajectory(trajectory)
     _require_drive(twin, signal, recording)
     found = Aligned(recording, twin.joints, time_s, measured, signal, 0.0, True, position, velocity)
+    found = replace(found, start_velocity_sigma=sigma)
     return found.with_onset(command_onset(twin, found))
 
 
