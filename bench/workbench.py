@@ -63,13 +63,13 @@ def ordinary() -> Iterator[None]:
 class Watched(threading.Thread):
     """A tab while the main thread does something else: how often it draws, and what it keeps."""
 
-    def __init__(self, tab: ChromiumTab, seconds: float) -> None:
+    def __init__(self, browser: Browser, tab: ChromiumTab, seconds: float) -> None:
         super().__init__()
-        self._tab, self._seconds = tab, seconds
+        self._browser, self._tab, self._seconds = psutil.Process(browser.pid), tab, seconds
         self.found: dict[str, float] = {}
 
     def run(self) -> None:
-        before, at = self._counts(), time.perf_counter()
+        before, at, used_s = self._counts(), time.perf_counter(), self._used_s()
         time.sleep(0.5 * self._seconds)
         middle = self._heap_mb()
         time.sleep(max(0.9 * self._seconds - (time.perf_counter() - at), 0.0))
@@ -78,9 +78,16 @@ class Watched(threading.Thread):
         self.found = {
             "charts_a_second": charts,
             "space_a_second": space,
+            "browser_core_share": (self._used_s() - used_s) / elapsed,
+            "browser_ms_a_frame": 1e3 * (self._used_s() - used_s) / max(charts * elapsed, 1.0),
             "heap_middle_mb": middle,
             "heap_end_mb": self._heap_mb(),
         }
+
+    def _used_s(self) -> float:
+        """Processor time of all its processes, the one that draws among them."""
+        family = [self._browser, *self._browser.children(recursive=True)]
+        return sum(sum(one.cpu_times()[:2]) for one in family)
 
     def _counts(self) -> tuple[int, int]:
         return int(self._tab.run(_FRAMES)), int(self._tab.run(_IN_SPACE))
@@ -133,7 +140,7 @@ def main() -> None:
                         tab.until(f"{_FRAMES} > 20", 60.0)
                         feeding.join()
                         tab.until(f"{_IN_SPACE} > 0", 60.0)
-                        watched = Watched(tab, chosen.seconds)
+                        watched = Watched(browser, tab, chosen.seconds)
                         watched.start()
                         result = driver.phase(daemon, rate_hz, chosen.seconds)
                         watched.join()

@@ -170,7 +170,7 @@ function tick(at: number): void {
   // a machine that does not keep up draws fewer points rather than fewer moments
   slow = at - drawnAt < 400 ? 0.9 * slow + 0.1 * (at - drawnAt) : slow;
   drawnAt = at;
-  if (slow > 90 && fineness > 0.5) { fineness = Math.max(0.5, 0.8 * fineness); slow = 50; fit(); stage.wanted = false; }
+  if (slow > 45 && fineness > 0.5) { fineness = Math.max(0.5, 0.8 * fineness); slow = 32; fit(); stage.wanted = false; }
   stage.renderer.render(stage.scene, stage.camera);
   frames += 1;
   mark("spaceFrames", String(frames));

@@ -1,4 +1,4 @@
-// The live stream: what comes twenty times a second, kept for ten seconds.
+// The live stream: what comes some thirty times a second, kept for ten seconds.
 import { facts } from "./api";
 import { mark } from "./data";
 

@@ -42,6 +42,10 @@ class Browser:
         self._control: ClientConnection | None = None
         self._sockets = ExitStack()
 
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
     def __enter__(self) -> Browser:
         deadline_s = time.monotonic() + _START_S
         lines: list[str] = []

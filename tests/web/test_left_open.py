@@ -19,6 +19,7 @@ from tests.web.browser import Browser, ChromiumTab
 from twin_daemon.daemon import cdr
 from twin_daemon.daemon.messages import JointSample
 from twin_daemon.hand import load_hand
+from twin_daemon.web.stream import FRAMES_A_SECOND
 
 START_NS = 1_700_000_000_000_000_000
 HOUR = int(os.environ.get("TWIN_LEFT_OPEN", "36000"))  # samples; so many are three times round the ring
@@ -69,6 +70,8 @@ def test_an_hour_leaves_the_page_as_it_was(workbench: Any, processes: Twin, brow
         assert 0.0 < tab.until(f"{spans} > 0 && {spans}") <= SHOWN_S
         assert not tab.console
     heaps, elements, points = (np.array(column) for column in zip(*seen, strict=True))
-    assert points.max() <= SHOWN_S * 1e9 / STEP_NS + 20 * 4 * SHOWN_S, "what is older than the strips is let go"
+    assert points.max() <= SHOWN_S * 1e9 / STEP_NS + FRAMES_A_SECOND * 4 * SHOWN_S, (
+        "what is older than the strips is let go"
+    )
     assert elements[-1] == elements[1]
     assert heaps[2:].max() < heaps[:2].max() + 2.0, heaps
