@@ -133,7 +133,8 @@ _PAGE = """# Weeks of wear
 Made by `python -m bench.wear --page docs/wear.md`. A finger of the stand-in hand wears from week to week; each week it
 is recorded for 16 s. Three twins are compared: one *follows* (recalibrated from its own last version), one is
 calibrated *anew* from the nominal model, and one is *never* recalibrated after week 0. Errors are in rad², on
-validation data: other motion of the same week.
+validation data: other motion of the same week. When wear is named, and how often wrongly, is on a page of its own:
+[weeks of wear, named](wear-named.md).
 
 ![errors and their ratios by week](pictures/wear.svg)
 

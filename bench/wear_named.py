@@ -159,9 +159,10 @@ def page(hands: Sequence[Hand]) -> str:
     rows, within, late = [], 0, 0
     for hand in hands:
         due, first = hand.reached, hand.first_right
-        if due is not None and max(look.week for look in hand.looks) >= due + 2:
+        until = None if due is None else next((w for w in sorted(look.week for look in hand.looks) if w > due), due)
+        if until is not None:
             late += 1
-            within += first is not None and first <= due + 2
+            within += first is not None and first <= until
         told = sorted({f"{n[0]} at {n[1]}" for look in hand.looks for n in look.named})
         cells = (hand.seed, hand.law, hand.joint, due or "-", first or "-", hand.wrong, ", ".join(told) or "-")
         rows.append("| " + " | ".join(map(str, cells)) + " |")
@@ -191,7 +192,7 @@ right one.
 |---|---|---|---|---|---|---|
 {rows}
 
-{hands} hands, {looks} looks: named rightly within two weeks of *reached* {within} of {late} hands; wrong names {wrong};
+{hands} hands, {looks} looks: named rightly by the look after *reached* {within} of {late} hands; wrong names {wrong};
 false alarms on unworn hands {alarms} ({unworn} hands); names under swings of temperature alone {swayed}. A look took
 {seconds:.0f} s of one core (median).
 
