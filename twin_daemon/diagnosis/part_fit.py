@@ -27,7 +27,7 @@ from twin_daemon.diagnosis.thresholds import (
 )
 from twin_daemon.diagnosis.verdict import MovedParameter
 from twin_daemon.estimation.nuisances import beside, carried_over, nuisance_variables
-from twin_daemon.estimation.posterior import Posterior, floor_and_corrections
+from twin_daemon.estimation.posterior import Posterior, floor_and_corrections, floor_variance, tolerated
 from twin_daemon.estimation.solvers.trust_region import Derivative, Descent, descend, differenced, searched
 from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
 from twin_daemon.estimation.uncertainty import conditional_information
@@ -53,7 +53,7 @@ class PartFit:
     ) -> None:
         """With `thoroughly` the nuisances are fitted to the end, not only until they leave no more than the floor.
 
-        With `nominal` they are not fitted at all. `begun` is the same part so far, of which the floor is known.
+        With `nominal` they are not fitted at all. `begun` is the same part so far, of which the floor may be known.
 
         `found` are the fits of effects that the twin now has, and `after` the last: nuisances begin where it is.
 
@@ -66,11 +66,16 @@ class PartFit:
         self.variables = (*nuisance_variables(twin, recordings, joints), *values)
         if after is not None:
             self.floor, self.corrections = after.problem.floor, after.problem.corrections
-        elif begun is not None:
+        elif begun is not None and not begun.plainly_sound:
             self.floor, self.corrections = begun.floor, begun.corrections
         else:
-            self.floor, self.corrections = floor_and_corrections(twin, recordings, self.variables, joints)
+            self.floor, self.corrections = tolerated(twin, floor_variance(recordings, joints)), []
         self.problem = Posterior(twin, recordings, self.variables, joints, self.floor, corrections=self.corrections)
+        # as it is at the floor of its sensors alone: the time step's error need not be known
+        self.plainly_sound = nominal and self._at_floor_as_it_is()
+        if not self.corrections and not self.plainly_sound:
+            self.floor, self.corrections = floor_and_corrections(twin, recordings, self.variables, joints)
+            self.problem = Posterior(twin, recordings, self.variables, joints, self.floor, corrections=self.corrections)
         self._enough = None if thoroughly else self._is_within_floor
         self.coarse = twin.at_step(COARSER_STEPS * float(twin.model.opt.timestep))
         self.nominal = nominal
@@ -83,6 +88,9 @@ class PartFit:
         problem = self.problem
         rows = problem.residuals(problem.start[None])[0]
         return as_fit(None, problem, Descent(problem.start, rows, np.zeros((len(rows), len(problem.start))), np.inf))
+
+    def _at_floor_as_it_is(self) -> bool:
+        return self._is_within_floor(self.problem.start, self.problem.residuals(self.problem.start[None])[0])
 
     def _fit_nuisances(self, after: Fit | None) -> Fit:
         """From where they were beside the last effect; where that ends badly, from nominal values as well."""
@@ -330,7 +338,8 @@ class PartFit:
             point = _adjusted(problem, point, conditional_information(fit.slopes, kept) / max(1.0, fit.chi_square))
         problem = Posterior(fit.problem.twin, moved, variables, self.joints, self.floor)
         predicted = problem.predict(point[None])
-        problem = problem.corrected(problem.step_errors(point, predicted))
+        if not (self.plainly_sound and (problem.times_floor(point, predicted) <= CLOSER_LOOK).all()):
+            problem = problem.corrected(problem.step_errors(point, predicted))
         return [rows[0] for rows in problem.joint_residuals(point[None], predicted)]
 
 

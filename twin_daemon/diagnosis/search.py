@@ -72,7 +72,7 @@ def diagnose(
         touching = [name for name, reduced in cut if reduced is None]
         begun = concurrently(at_nominal, [reduced for _, reduced in cut if reduced is not None])
         shared = _of_all(twin, reduction, begun, limit, seed, say)
-        looked_at = [] if shared else concurrently(lambda one: look(*one), begun)
+        looked_at = [] if shared else concurrently(_looked_at, begun)
         above = _above(looked_at, outcomes, seed, say)
         if above and twin.hand.description.nominal_uncertainty.mass > 0.0:
             # once more with what costs most: that links may be heavier than their model
@@ -104,6 +104,11 @@ def diagnose(
     interrupted = interrupted or any(outcome.unfinished for outcome in outcomes)
     shares = shared.posterior if shared is not None else None
     return conclude(twin, train, outcomes, touching, interrupted, findings, shares)
+
+
+def _looked_at(begun: tuple[Reduced, PartFit]) -> tuple[Reduced, PartFit]:
+    """A group with what is uncertain about it fitted, unless it is at the floor of its sensors as it is."""
+    return begun if begun[1].plainly_sound else look(*begun)
 
 
 def _above(
@@ -305,6 +310,9 @@ def _within_floor(part: PartFit, reduced: Reduced, seed: int, say: Say, *, seen:
         return None
     validation = Validation(part, reduced.holdout, seed=seed)
     outcome.left = validation.judge(part.base).adequacy
+    if part.plainly_sound and (outcome.left > 1.0 or not seen):
+        # what it might have shown, or shows on held-out motion, is said of a group with all that is uncertain fitted
+        return _within_floor(look(reduced)[1], reduced, seed, say, seen=seen)
     outcome.undetectable = undetectable(part) if outcome.left > 1.0 or not seen else []
     say(said)
     if part.worth_a_look and Screening(part).promising():

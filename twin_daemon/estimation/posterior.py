@@ -144,9 +144,12 @@ class Posterior(Problem):
         share = np.where(self._free_offset, power / (power + 1.0 / (OFFSET_FLOORS**2 * self.floor)), 0.0)
         return sums / total, share
 
-    def times_floor(self, point: np.ndarray) -> np.ndarray:
-        """(k,) mean squared residual of each joint in floors at a point (p,), beyond a plausible offset."""
-        residuals = self.joint_residuals(point[None])
+    def times_floor(self, point: np.ndarray, predicted: Sequence[np.ndarray] | None = None) -> np.ndarray:
+        """(k,) mean squared residual of each joint in floors at a point (p,), beyond a plausible offset.
+
+        `predicted` is what `predict` says of the point, where that is known already.
+        """
+        residuals = self.joint_residuals(point[None], predicted)
         offset, share = self._offsets(residuals)
         taken = (share * offset)[0]
         total = np.sum(
@@ -223,7 +226,6 @@ def floor_and_corrections(
 
     What is left is of second order: half a step should take away two thirds of what a quarter does, and what it takes
     beside that, twice, is what the extrapolation gets wrong (Richardson 1911).
-    An error that the robot's description tolerates is not below the floor.
     """
     floor = floor_variance(recordings, joints)
     nominal = Posterior(twin, recordings, variables, joints, floor)
@@ -233,10 +235,13 @@ def floor_and_corrections(
     half = nominal.at_finer_step(2.0, point)
     each = zip(errors, half, own, strict=True)
     beside = [2.0 * (0.5 * error - (at_half - at_own[0])) for error, at_half, at_own in each]
-    floor = floor + np.mean([one.var(axis=0) for one in beside], axis=0)
+    return tolerated(twin, floor + np.mean([one.var(axis=0) for one in beside], axis=0)), errors
+
+
+def tolerated(twin: TwinModel, floor: np.ndarray) -> np.ndarray:
+    """(k,) rad^2: the floor, or where the robot's description tolerates more, what of that counts as one floor."""
     tolerance = twin.hand.description.tolerance_rad
-    # a joint is within its floor up to so many floors: of an error that is tolerated this is one
-    return (floor if tolerance is None else np.maximum(floor, tolerance**2 / FLOOR_CHI_SQUARE)), errors
+    return floor if tolerance is None else np.maximum(floor, tolerance**2 / FLOOR_CHI_SQUARE)
 
 
 def _counts(variable: Variable, other: Variable) -> bool:
