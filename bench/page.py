@@ -25,6 +25,9 @@ _LONG = {
     "candidate ([page](conditions.md)); a quarter of an hour",
     "python -m bench.poor_motion": "what a diagnosis says where the motion shows little ([page](poor-motion.md))",
     "python -m bench.wear": "recalibration of a hand that wears",
+    "python -m bench.wear_named": (
+        "weeks of wear drawn at random: when each is named, and what is named wrongly ([page](wear-named.md))"
+    ),
     "python -m bench.workbench": "how fast the workbench answers",
     "make fuzz": "100 000 hostile inputs",
 }

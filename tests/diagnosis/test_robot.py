@@ -116,7 +116,7 @@ def test_a_bus_that_is_late_by_what_damping_could_nearly_do_is_named(tmp_path: P
 @pytest.mark.parametrize(
     ("key", "values", "told"),
     [
-        ("command_delay", {"delay": 0.03}, ("delay", 0.03)),
+        pytest.param("command_delay", {"delay": 0.03}, ("delay", 0.03), marks=pytest.mark.slow),
         ("viscous_friction", {"damping": 0.0, "share": 2.0}, ("share", 2.0)),
         # each gain alone is three of its sigma off, which may be; three that are off the same way are one cause
         ("actuator_gain", {"factor": 0.68, "limit": 1.0}, ("factor", 0.68)),
@@ -141,6 +141,7 @@ def test_what_all_joints_have_is_one_cause_and_named_once(
         assert limit["ci95"][1] - limit["ci95"][0] > 10.0
 
 
+@pytest.mark.slow
 def test_a_late_bus_is_every_servos_where_one_of_them_hardly_shows_it(tmp_path: Path) -> None:
     model, bag, other = changed_rig(tmp_path, "command_delay", {"delay": DELAY_S}, motion=LAZY, noise_rad=1e-3)
     said = called("diagnose", "--model", str(model), "--recording", str(bag), "--holdout", str(other),

@@ -69,6 +69,12 @@ def test_a_covariance_stays_one(rng: np.random.Generator) -> None:
         assert np.linalg.eigvalsh(np.array(known.covariance)).min() > 0.0
 
 
+def test_a_version_without_fitted_values_knows_nothing_and_stays_so() -> None:
+    nothing = after_fit({}, [], None)
+    assert widened(nothing, weeks=4.0) == nothing
+    assert after_fit({}, [], nothing) == nothing
+
+
 def test_a_version_of_before_gets_one_of_its_intervals(tmp_path: Path, mjcf: str) -> None:
     store = VersionStore("hand", root=tmp_path, shipped=tmp_path / "none", now=lambda: _START)
     draft = Draft(hand="hand", kind="calibrated", terms={}, parameters={"a": _record(2.0, 0.1)})

@@ -32,7 +32,7 @@ def posterior_of(version: Version, at: datetime | None = None) -> PosteriorRecor
 
 def widened(posterior: PosteriorRecord, weeks: float) -> PosteriorRecord:
     """The same after so many weeks in which nobody has looked."""
-    covariance = np.array(posterior.covariance).reshape(len(posterior.names), -1)
+    covariance = _matrix(posterior)
     grown = covariance + np.diag((_WIDENS * np.array(posterior.means)) ** 2 * weeks)
     return posterior.model_copy(update={"covariance": _rows(grown)})
 
@@ -102,9 +102,15 @@ def _joined(
 
 
 def _correlation(posterior: PosteriorRecord) -> np.ndarray:
-    covariance = np.array(posterior.covariance).reshape(len(posterior.names), -1)
+    covariance = _matrix(posterior)
     sigma = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     return covariance / np.outer(sigma, sigma)
+
+
+def _matrix(posterior: PosteriorRecord) -> np.ndarray:
+    """(p, p) covariance; of a version without fitted values there is nothing in it."""
+    count = len(posterior.names)
+    return np.array(posterior.covariance, dtype=float).reshape(count, count)
 
 
 def _rows(matrix: np.ndarray) -> tuple[tuple[float, ...], ...]:
