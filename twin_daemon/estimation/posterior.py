@@ -168,7 +168,9 @@ class Posterior(Problem):
 
     def corrected(self, corrections: Sequence[np.ndarray]) -> Posterior:
         """The same problem with other corrections."""
-        return self.over(self.recordings, self.variables, corrections)
+        other = self.over(self.recordings, self.variables, corrections)
+        other._last = self._last
+        return other
 
     def over(
         self, recordings: Sequence[Aligned], variables: Sequence[Variable], corrections: Sequence[np.ndarray]
