@@ -86,7 +86,8 @@ class Diagnostics:
 
     def _publish(self, health: bytes | None, gate: dict[str, Any]) -> None:
         level, message, values = diagnosis(health, self._key)
-        connected = self._link.connected
+        # whoever has just answered is connected, even where the link has not been told of it yet
+        connected = health is not None or self._link.connected
         own = {"connected": str(connected).lower(), "endpoint": self._link.endpoint}
         own |= {name: str(count) for name, count in sorted(self._counts().items())}
         own_message = "connected with the twin" if connected else f"looking for the twin at {self._link.endpoint}"
