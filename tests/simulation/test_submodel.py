@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from tests.simulation.made import FINGER, recorded
 from twin_daemon.estimation.partition import restricted
+from twin_daemon.hand import load_hand
 from twin_daemon.simulation.alignment import align, predict
 from twin_daemon.simulation.submodel import parts, submodel
 from twin_daemon.simulation.terms import EffectTerm, Terms
@@ -49,3 +52,16 @@ def test_terms_of_what_is_gone_are_gone(twin: TwinModel) -> None:
     small = submodel(twin.changed(TERMS), INDEX, np.zeros(len(twin.joints)))
     assert set(small.terms.parameters) == {"rh_FFJ3.damping", "rh_FFJ0.kp"}
     assert [term.target for term in small.terms.effects] == ["rh_FFJ3"]
+
+
+def test_bodies_without_a_name_are_given_one_that_nobody_has(tmp_path: Path) -> None:
+    link = '<body{0} pos="0 {1} 0"><joint name="j{1}" armature="0.01"/><geom size="0.02" mass="0.1"/></body>'
+    links = link.format("", 0) + link.format(' name="body_1"', 1)
+    servos = "".join(f'<position name="a{i}" joint="j{i}" kp="1"/>' for i in range(2))
+    path = tmp_path / "unnamed.xml"
+    path.write_text(f"<mujoco><worldbody>{links}</worldbody><actuator>{servos}</actuator></mujoco>")
+    twin = TwinModel.load(load_hand(model=path))
+    names = [twin.model.body(index).name for index in range(twin.model.nbody)]
+    assert len(set(names)) == 3
+    assert all(names)
+    assert submodel(twin, {"j0"}, np.zeros(2)).joints == ("j0",)

@@ -75,6 +75,7 @@ class TwinModel:
             spec = mujoco.MjSpec.from_file(str(hand.model_path))
         except (ValueError, OSError, mujoco.FatalError) as error:
             raise BadInput(f"not a usable MJCF: {error}", where=hand.model_path) from None
+        _name_bodies(spec)
         return cls(hand, spec, terms or Terms())
 
     @classmethod
@@ -84,6 +85,7 @@ class TwinModel:
             spec = mujoco.MjSpec.from_string(mjcf)
         except (ValueError, mujoco.FatalError) as error:
             raise BadInput(f"not a usable MJCF: {error}", where=f"stored model of {hand.description.name}") from None
+        _name_bodies(spec)
         return cls(hand, spec, terms or Terms())
 
     def __reduce__(self) -> tuple[Callable[..., TwinModel], tuple[Any, ...]]:
@@ -338,6 +340,18 @@ class TwinModel:
     def mjcf(self) -> str:
         """This twin as one plain, self-contained MJCF."""
         return mjcf_text(inline_meshes(self.spec, self.model))
+
+
+def _name_bodies(spec: Any) -> None:
+    """Gives bodies that their author left without a name one: masses, loads and parts are told by it."""
+    taken = {body.name for body in spec.bodies}
+    for index, body in enumerate(spec.bodies):
+        if not body.name:
+            name = f"body_{index}"
+            while name in taken:
+                name += "_"
+            body.name = name
+            taken.add(name)
 
 
 def _rebuilt(hand: Hand, text: str, fusestatic: bool, lengths: dict[str, np.ndarray], terms: Terms) -> TwinModel:
