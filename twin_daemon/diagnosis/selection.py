@@ -104,6 +104,15 @@ def next_effect(part: PartFit, validation: Validation, say: Say, outcome: Outcom
         outcome.tried.append(_lost(hypothesis, evidence, reason, mse, held))
     if best is None:
         return None
+    right = next((rival for rival in rivals if rival.judged.adequate), None)
+    if simpler is None and right is not None and not best.judged.adequate:
+        # evidence does not choose between them, validation data do
+        wrong = [best, *(rival for rival in rivals if not rival.judged.adequate)]
+        outcome.tried.append(_lost(best.hypothesis, best_evidence, "leaves more on held-out motion than a right law"))
+        best, rivals = right, [rival for rival in rivals if rival is not right and rival not in wrong]
+        refuted = {one.hypothesis.name for one in wrong}
+        weighed = {name: nats for name, nats in weighed.items() if name not in refuted}
+        best_evidence = weighed[best.hypothesis.name]
     if simpler is not None:
         # both are right on held-out motion, and one is the other at a bound: the simpler is the answer
         best, rivals = simpler, [*rivals, best]
