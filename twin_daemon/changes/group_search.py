@@ -188,23 +188,29 @@ def _tried(
     # to first order an effect that is not smooth may promise anything: all of them that do are refitted
     smooth = [i for i in worth if not pair.now.quantities[i].grows][:FINALISTS]
     rough = [i for i in worth if pair.now.quantities[i].grows]
-    best = -np.inf
-    for index in (*smooth, *rough):
-        changed = (*chosen, index)
-        begins = [_refitted(origin, changed, index, FIRST_ROUNDS) for origin in begun[index]]
-        found = max(begins, key=lambda one: one.log_evidence)
-        if found.log_evidence > best - COMPARABLE_NATS:
-            found = found.pair.fit(changed, found)
-        fits[index], best = found, max(best, found.log_evidence)
-    for index, found in softer_tendons(fits, chosen).items():
-        if index not in fits or found.log_evidence > fits[index].log_evidence:
-            if found.log_evidence > best - COMPARABLE_NATS:
-                found = found.pair.fit((*chosen, index), found)
-            fits[index] = found
-            priors[index] = price + (0.0 if _is_present(pair, index) else float(np.log(APPEARS)))
-    none = _best_without(fit, fits.values(), chosen)
-    posterior |= {index: found.log_evidence - none + priors[index] for index, found in fits.items()}
+    asked = [*smooth, *rough]
+    while asked:
+        for index in asked:
+            changed = (*chosen, index)
+            begins = [_refitted(origin, changed, index, FIRST_ROUNDS) for origin in begun[index]]
+            fits[index] = _ended(max(begins, key=lambda one: one.log_evidence), changed, fits)
+        for index, found in softer_tendons({i: fits[i] for i in asked}, chosen).items():
+            if index not in fits or found.log_evidence > fits[index].log_evidence:
+                fits[index] = _ended(found, (*chosen, index), fits)
+                priors[index] = price + (0.0 if _is_present(pair, index) else float(np.log(APPEARS)))
+        none = _best_without(fit, fits.values(), chosen)
+        posterior |= {index: found.log_evidence - none + priors[index] for index, found in fits.items()}
+        # where the finalists have not kept what they promised, the next best is asked, until the best has been refitted
+        asked = [
+            index for index in (max(posterior, key=lambda i: posterior[i]),) if index not in fits and index in worth
+        ]
     return fits, posterior
+
+
+def _ended(found: Fit, changed: tuple[int, ...], others: Mapping[int, Fit]) -> Fit:
+    """A change fitted to the end where it is comparable with the best of the others."""
+    best = max((other.log_evidence for other in others.values()), default=-np.inf)
+    return found.pair.fit(changed, found) if found.log_evidence > best - COMPARABLE_NATS else found
 
 
 def _best_without(fit: Fit, fits: Collection[Fit], chosen: tuple[int, ...]) -> float:
