@@ -65,17 +65,17 @@ class PartFit:
         values = [value for fit in found for value in fit.uncertain_values()]
         self.variables = (*nuisance_variables(twin, recordings, joints), *values)
         if after is not None:
-            self.floor, self.corrections = after.problem.floor, after.problem.corrections
+            self._measured_by(after.problem.floor, after.problem.corrections)
         elif begun is not None and not begun.plainly_sound:
-            self.floor, self.corrections = begun.floor, begun.corrections
+            self._measured_by(begun.floor, begun.corrections)
+        elif nominal:
+            self._measured_by(tolerated(twin, floor_variance(recordings, joints)), [])
         else:
-            self.floor, self.corrections = tolerated(twin, floor_variance(recordings, joints)), []
-        self.problem = Posterior(twin, recordings, self.variables, joints, self.floor, corrections=self.corrections)
+            self._measured_by(*floor_and_corrections(twin, recordings, self.variables, joints))
         # as it is at the floor of its sensors alone: the time step's error need not be known
-        self.plainly_sound = nominal and self._at_floor_as_it_is()
-        if not self.corrections and not self.plainly_sound:
-            self.floor, self.corrections = floor_and_corrections(twin, recordings, self.variables, joints)
-            self.problem = Posterior(twin, recordings, self.variables, joints, self.floor, corrections=self.corrections)
+        self.plainly_sound = nominal and self._is_within_floor(self.problem.start, self._rows_at_start())
+        if nominal and not self.plainly_sound:
+            self._measured_by(*floor_and_corrections(twin, recordings, self.variables, joints))
         self._enough = None if thoroughly else self._is_within_floor
         self.coarse = twin.at_step(COARSER_STEPS * float(twin.model.opt.timestep))
         self.nominal = nominal
@@ -83,14 +83,20 @@ class PartFit:
 
     # -- nuisances -----------------------------------------------------------------------------------------
 
+    def _measured_by(self, floor: np.ndarray, corrections: Sequence[np.ndarray]) -> None:
+        """The problem of the nuisances with a floor (k,) rad^2 and the time step's error (n, k) rad a recording."""
+        self.floor, self.corrections = floor, corrections
+        self.problem = Posterior(
+            self.twin, self.recordings, self.variables, self.joints, floor, corrections=corrections
+        )
+
+    def _rows_at_start(self) -> np.ndarray:
+        return self.problem.residuals(self.problem.start[None])[0]
+
     def _nominal(self) -> Fit:
         """All nuisances at their nominal values."""
-        problem = self.problem
-        rows = problem.residuals(problem.start[None])[0]
-        return as_fit(None, problem, Descent(problem.start, rows, np.zeros((len(rows), len(problem.start))), np.inf))
-
-    def _at_floor_as_it_is(self) -> bool:
-        return self._is_within_floor(self.problem.start, self.problem.residuals(self.problem.start[None])[0])
+        start, rows = self.problem.start, self._rows_at_start()
+        return as_fit(None, self.problem, Descent(start, rows, np.zeros((len(rows), len(start))), np.inf))
 
     def _fit_nuisances(self, after: Fit | None) -> Fit:
         """From where they were beside the last effect; where that ends badly, from nominal values as well."""
