@@ -107,11 +107,16 @@ class Screening:
             float(sum(len(r.time_s) for r in self._screened) * len(self._part.joints)) / self._part.problem.correlation
         )
 
+    @cached_property
+    def candidates(self) -> list[Hypothesis]:
+        """What may act at the joints at which something may be missing."""
+        part = self._part
+        return hypotheses(part.twin, sorted(part.suspects, key=part.joints.index), whole_hand=False)
+
     def promising(self) -> bool:
         """Whether some candidate may take most of what is left beyond the floor away, by the secants to its starts."""
-        part = self._part
-        asked = hypotheses(part.twin, sorted(part.suspects, key=part.joints.index), whole_hand=False)
-        return any(self.promises(s.expected) for starts in concurrently(self.screen, asked) for s in starts[:1])
+        screened = concurrently(self.screen, self.candidates)
+        return any(self.promises(starts[0].expected) for starts in screened if starts)
 
     def promises(self, cost: float) -> bool:
         """Whether what leaves a cost takes most of what is left beyond the floor away."""

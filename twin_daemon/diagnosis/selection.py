@@ -8,7 +8,7 @@ from itertools import permutations
 
 import numpy as np
 
-from twin_daemon.diagnosis.candidates import Hypothesis, hypotheses
+from twin_daemon.diagnosis.candidates import Hypothesis
 from twin_daemon.diagnosis.conclude import Accepted, Outcome
 from twin_daemon.diagnosis.fit import FirstFit, Fit, Start, is_idle, stands_out
 from twin_daemon.diagnosis.part_fit import PartFit
@@ -30,6 +30,8 @@ from twin_daemon.diagnosis.validation import Validation
 from twin_daemon.diagnosis.verdict import Trial
 from twin_daemon.executor import TimeLimit, concurrently
 
+_TAKES_LITTLE = "takes little of what is left beyond the floor away"
+
 Say = Callable[[str], None]
 """Called with one line whenever a candidate has been judged."""
 
@@ -48,6 +50,9 @@ def next_effect(part: PartFit, validation: Validation, say: Say, outcome: Outcom
     # at the floor, with nothing far off, an effect has to be worth its name
     unforced = part.within_floor and not any(abs(s) > DEVIATING_SIGMA for s in part.base.deviations.values())
     if unforced and not any(map(screening.promises, (first.cost for first in first_fits))):
+        for first in first_fits:
+            gain = 0.5 * (screening.cost - first.cost)
+            outcome.tried.append(_lost(first.hypothesis, gain, _TAKES_LITTLE))
         return None
     if not first_fits:
         return None
@@ -83,7 +88,7 @@ def next_effect(part: PartFit, validation: Validation, say: Say, outcome: Outcom
         elif not stands_out(fit):
             reason = "its value may as well be that of the model without it"
         elif (unforced or (judged.silent and not judged.passes)) and not part.takes_enough(fit):
-            reason = "takes little of what is left beyond the floor away"
+            reason = _TAKES_LITTLE
         elif not judged.passes and not judged.silent:
             reason = f"does not help on held-out motion (gain {judged.gain:.0%}, interval reaches below 0)"
         elif best is None:
@@ -210,7 +215,7 @@ def _shortlist(screening: Screening, part: PartFit, outcome: Outcome) -> list[Fi
     effects at their joints are asked; elsewhere what they stand in for joins the best of the screening.
     """
     deviating = {name for name, sigma in part.base.deviations.items() if abs(sigma) > SUSPECT_SIGMA}
-    everything = hypotheses(part.twin, sorted(part.suspects, key=part.joints.index), whole_hand=False)
+    everything = screening.candidates
     owners = [h for h in everything if h.speaks_for(part.twin)]
     within_floor = part.within_floor
     near = {
