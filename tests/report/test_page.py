@@ -16,7 +16,8 @@ import pytest
 from tests.report.conftest import Page, report, written
 from tests.simulation.made import recorded, saved
 from twin_daemon.cli.app import main
-from twin_daemon.diagnosis.verdict import Finding, VerdictName
+from twin_daemon.diagnosis.verdict import Diagnosis, Finding, VerdictName
+from twin_daemon.report.page import diagnosis_section
 from twin_daemon.report.words import how_sure
 from twin_daemon.simulation.twin import TwinModel
 from twin_daemon.versions import Draft, ParameterRecord, VersionStore
@@ -206,6 +207,14 @@ def test_how_sure_a_finding_is_hangs_on_what_it_rests_on(
     assert "Its probability is 97 in 100. Its evidence" in how_sure(
         read.model_copy(update={"probability": 0.97}), verdict
     )
+
+
+@pytest.mark.parametrize("interrupted", [False, True])
+def test_a_search_that_was_ended_early_is_not_said_to_have_found_no_cause(interrupted: bool) -> None:
+    found = Diagnosis.without_findings("unexplained", "rh_FFJ3: above the floor")
+    said = diagnosis_section(found.model_copy(update={"interrupted": interrupted}))
+    assert ("ended before it was through" in said) == interrupted
+    assert ("no effect of the library accounts for" in said) != interrupted
 
 
 def test_what_was_made_for_another_model_is_said(bag: Path, diagnosis: dict[str, Any], tmp_path: Path) -> None:

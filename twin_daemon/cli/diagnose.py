@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from twin_daemon.cli import options
 from twin_daemon.cli.console import emit_json, people, plain_text, require_folder
-from twin_daemon.diagnosis.verdict import IN_WORDS, in_hundred
+from twin_daemon.diagnosis.verdict import in_hundred
 from twin_daemon.errors import BadInput
 from twin_daemon.hand.schema import NominalUncertainty
 from twin_daemon.tables import slim_table
@@ -120,12 +120,8 @@ def assumptions(tolerance_mrad: float | None, uncertainty: Sequence[str] | None)
 # -- for people --------------------------------------------------------------------------------------------
 
 
-_ENDED_EARLY = "Not explained yet: the search was ended before it was through."
-
-
 def _show(console: Console, payload: dict[str, Any], found: Diagnosis) -> None:
-    ended_early = found.interrupted and found.verdict == "unexplained"
-    console.print(f"[bold]{_ENDED_EARLY if ended_early else IN_WORDS[found.verdict]}[/]")
+    console.print(f"[bold]{found.in_words}[/]")
     console.print(f"  {plain_text(found.reason)}")
     if found.probabilities:
         console.print(f"  {plain_text('; '.join(map(str, found.probabilities)))}")

@@ -17,14 +17,12 @@ _MOST_LISTED = 12
 
 def show(console: Console, found: Since) -> None:
     """The verdict, the changes as a table, what has not changed, and what could not be seen."""
-    from twin_daemon.diagnosis.verdict import IN_WORDS
-
     headline = {
         "explained": "Changed: both sessions are explained with what is listed.",
         "within_noise": "Unchanged: nothing that these recordings would show has changed.",
         "ambiguous": "Changed, and more than one change explains it equally well.",
     }
-    console.print(f"[bold]{headline.get(found.verdict, IN_WORDS[found.verdict])}[/]")
+    console.print(f"[bold]{headline.get(found.verdict, found.in_words)}[/]")
     console.print(f"  {plain_text(found.reason)}")
     if found.changes:
         table = slim_table(

@@ -22,6 +22,7 @@ IN_WORDS = {
     "unexplained": "Unexplained: something is missing that no effect of the library accounts for.",
     "within_noise": "Within noise: these data ask for no further effect.",
 }
+_ENDED_EARLY = "Not explained yet: the search was ended before it was through."
 
 
 class _Said(BaseModel):
@@ -243,6 +244,11 @@ class Diagnosis(_Said):
     def without_findings(cls, verdict: VerdictName, reason: str) -> Diagnosis:
         """An answer that rests on no fit."""
         return cls(verdict=verdict, reason=reason, findings=(), tried=(), where=(), parts={})
+
+    @property
+    def in_words(self) -> str:
+        """The verdict as a sentence. Of a search that was ended early nobody can say that something is unexplained."""
+        return _ENDED_EARLY if self.interrupted and self.verdict == "unexplained" else IN_WORDS[self.verdict]
 
 
 class Step(_Said):

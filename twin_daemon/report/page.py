@@ -94,7 +94,7 @@ def style() -> str:
 def diagnosis_section(found: Diagnosis) -> Markup:
     """The section on a diagnosis alone, for other pages. What comes from the result is escaped."""
     template = _environment().get_template("section_diagnosis.html.j2")
-    return Markup(template.render(content={"diagnosis": found}, verdicts=IN_WORDS, **_about(found)))
+    return Markup(template.render(content={"diagnosis": found}, **_about(found)))
 
 
 def _about(found: Diagnosis) -> dict[str, Any]:

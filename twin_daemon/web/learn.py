@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from starlette.requests import Request
 from starlette.routing import BaseRoute
 
-from twin_daemon.diagnosis.verdict import IN_WORDS, Diagnosis, LadderResult
+from twin_daemon.diagnosis.verdict import Diagnosis, LadderResult
 from twin_daemon.effects import LIBRARY
 from twin_daemon.errors import BadInput, nearest
 from twin_daemon.places import HAND, ROBOT
@@ -166,9 +166,7 @@ class Learn:
         try:
             if job.kind == "diagnose":
                 found = Diagnosis.model_validate(job.result)
-                return found.model_dump(mode="json", by_alias=True, exclude={"terms"}) | {
-                    "words": IN_WORDS[found.verdict]
-                }
+                return found.model_dump(mode="json", by_alias=True, exclude={"terms"}) | {"words": found.in_words}
             if job.kind == "ladder":
                 ladder = LadderResult.model_validate(job.result)
                 steps = sum(step.effect is not None for step in ladder.steps)
