@@ -125,19 +125,36 @@ def test_every_law_that_is_looked_for_can_be_written(port: str) -> None:
             assert effect_of(EffectFile.model_validate(content | own | curve)).key == "my_law"
 
 
+def law_problem(twin: TwinModel, train: list[Any], feature: Feature) -> LawProblem:
+    """The elbow with a law."""
+    actuator = twin.actuators.index("elbow")
+    return LawProblem(
+        twin, train, nuisance_variables(twin, train, ["elbow"]), ["elbow"], np.array([1e-6]), feature=feature,
+        joint="elbow", actuator=actuator, tracks=[track(twin, one, "elbow", actuator, []) for one in train],
+        smoothness=30.0,
+    )  # fmt: skip
+
+
+def test_a_law_of_a_reading_says_where_the_joint_starts_whatever_was_asked_before(
+    twin: TwinModel, recorded: Recorded
+) -> None:
+    train, _ = recorded("sound", 8.0, 6.0)
+    reading = Feature("reading", "position", (-1.0, 0.0, 1.0), "rad", 0.5)
+    problem, fresh = (law_problem(twin, train, reading) for _ in range(2))
+    nuisances = problem.start[: problem.own]
+    one, other = (problem.point(nuisances, np.full(3, offset))[None] for offset in (0.0, 0.2))
+    problem.predict(one)
+    assert np.array_equal(problem.predict(other)[0], fresh.predict(other)[0])
+
+
 @pytest.mark.parametrize("memory", ["", "play"])
 def test_the_slopes_of_a_laws_priors_are_those_of_their_rows(twin: TwinModel, recorded: Recorded, memory: Any) -> None:
     train, _ = recorded("sound", 8.0, 6.0)
-    nuisances = nuisance_variables(twin, train, ["elbow"])
-    actuator = twin.actuators.index("elbow")
-    problem = LawProblem(
-        twin, train, nuisances, ["elbow"], np.array([1e-6]),
-        feature=Feature("torque", "position", (0.1, 0.2, 0.5, 0.7), "N m", 4.0, memory=memory), joint="elbow",
-        actuator=actuator, tracks=[track(twin, one, "elbow", actuator, []) for one in train], smoothness=30.0,
-    )  # fmt: skip
+    feature = Feature("torque", "position", (0.1, 0.2, 0.5, 0.7), "N m", 4.0, memory=memory)
+    problem = law_problem(twin, train, feature)
     at, to = np.random.default_rng(0).uniform(0.0, 1.0, (2, len(problem.variables)))
     before, after = problem.prior_residuals(np.array([at, to]))
-    assert len(before) > len(nuisances)
+    assert len(before) > problem.own
     assert problem.prior_slopes() @ (to - at) == pytest.approx(after - before)
 
 

@@ -83,8 +83,8 @@ class LawProblem(Posterior):
 
     # -- roll-outs -----------------------------------------------------------------------------------------
 
-    def predict(self, points: np.ndarray) -> list[np.ndarray]:
-        """Predicted readings, one (B, n, k) array a piece, with the law at work."""
+    def _predicted(self, points: np.ndarray) -> list[np.ndarray]:
+        """As `predict`, with the law at work."""
         laws = self.coefficients(points)
         if self.feature.port == "reading":
             return self._misread(points, laws)
@@ -98,7 +98,7 @@ class LawProblem(Posterior):
         at = [np.array([self._start_of_reading(index)]) for index in range(len(self.recordings))]
         self._shift = np.array([-float(self.feature.curve(laws[:1], x[None])[0, 0]) for x in at])
         whole = np.concatenate([distinct, np.full((len(distinct), points.shape[1] - self.own), 0.5)], axis=1)
-        found = super().predict(whole)
+        found = super()._predicted(whole)  # where it starts is the law's matter, too
         column = self.objective.index(self.joint)
         out = []
         for index, (piece, readings) in enumerate(zip(self.recordings, found, strict=True)):
