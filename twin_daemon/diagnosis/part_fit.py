@@ -343,10 +343,9 @@ class PartFit:
             problem = Posterior(fit.problem.twin, moved, variables, self.joints, self.floor)
             point = _adjusted(problem, point, conditional_information(fit.slopes, kept) / max(1.0, fit.chi_square))
         problem = Posterior(fit.problem.twin, moved, variables, self.joints, self.floor)
-        predicted = problem.predict(point[None])
-        if not (self.plainly_sound and (problem.times_floor(point, predicted) <= CLOSER_LOOK).all()):
-            problem = problem.corrected(problem.step_errors(point, predicted))
-        return [rows[0] for rows in problem.joint_residuals(point[None], predicted)]
+        if not (self.plainly_sound and (problem.times_floor(point) <= CLOSER_LOOK).all()):
+            problem = problem.corrected(problem.step_errors(point))
+        return [rows[0] for rows in problem.joint_residuals(point[None])]
 
 
 def _adjusted(problem: Posterior, point: np.ndarray, information: np.ndarray) -> np.ndarray:

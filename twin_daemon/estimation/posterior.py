@@ -94,9 +94,9 @@ class Posterior(Problem):
     def _controls(self, recording: Aligned, grid: np.ndarray, onset_s: float) -> np.ndarray:
         return recording.controls(self.twin, grid, onset_s, mean_over_s=float(self.twin.model.opt.timestep))
 
-    def joint_residuals(self, points: np.ndarray, predicted: Sequence[np.ndarray] | None = None) -> list[np.ndarray]:
+    def joint_residuals(self, points: np.ndarray) -> list[np.ndarray]:
         """Measured minus predicted (B, n, k) rad, less the nominal model's time-step error and what starts may do."""
-        residuals = super().joint_residuals(points, predicted)
+        residuals = super().joint_residuals(points)
         if self.corrections:
             zipped = zip(residuals, self.corrections, self._known, strict=True)
             residuals = [r - np.where(known, c, 0.0)[None] for r, c, known in zipped]
@@ -144,12 +144,9 @@ class Posterior(Problem):
         share = np.where(self._free_offset, power / (power + 1.0 / (OFFSET_FLOORS**2 * self.floor)), 0.0)
         return sums / total, share
 
-    def times_floor(self, point: np.ndarray, predicted: Sequence[np.ndarray] | None = None) -> np.ndarray:
-        """(k,) mean squared residual of each joint in floors at a point (p,), beyond a plausible offset.
-
-        `predicted` is what `predict` says of the point, where that is known already.
-        """
-        residuals = self.joint_residuals(point[None], predicted)
+    def times_floor(self, point: np.ndarray) -> np.ndarray:
+        """(k,) mean squared residual of each joint in floors at a point (p,), beyond a plausible offset."""
+        residuals = self.joint_residuals(point[None])
         offset, share = self._offsets(residuals)
         taken = (share * offset)[0]
         total = np.sum(
@@ -201,15 +198,14 @@ class Posterior(Problem):
         names = [v.name for v in self.variables if v.prior is not None]
         return dict(zip(names, map(float, self.prior_residuals(point[None])[0]), strict=True))
 
-    def step_errors(self, point: np.ndarray, predicted: Sequence[np.ndarray] | None = None) -> list[np.ndarray]:
+    def step_errors(self, point: np.ndarray) -> list[np.ndarray]:
         """(n, k) rad a recording: how a point (p,) moves without a time step, less how it moves at its own.
 
         Candidates are tried at the model's own step, which is off by more than the sensors' noise where steps are
         commanded. To first order the error is the same nearby, so it is computed once and taken out (`corrections`).
         MuJoCo's integrators are of first order: a quarter of the step leaves a third of what it takes away.
-        `predicted` is what `predict` says of the point, where that is known already.
         """
-        own = self.predict(point[None]) if predicted is None else predicted
+        own = self.predict(point[None])
         at_quarter = self.at_finer_step(FINER_STEPS, point)
         whole = 1.0 + 1.0 / (FINER_STEPS - 1.0)
         return [whole * (fine - coarse[0]) for fine, coarse in zip(at_quarter, own, strict=True)]
@@ -233,7 +229,7 @@ def floor_and_corrections(
     nominal = Posterior(twin, recordings, variables, joints, floor)
     point = nominal.start
     own = nominal.predict(point[None])
-    errors = nominal.step_errors(point, own)
+    errors = nominal.step_errors(point)
     half = nominal.at_finer_step(2.0, point)
     each = zip(errors, half, own, strict=True)
     beside = [2.0 * (0.5 * error - (at_half - at_own[0])) for error, at_half, at_own in each]

@@ -219,14 +219,10 @@ class Problem:
         """Controls (T, nu) of a roll-out on a grid of times (T,) s."""
         return recording.controls(self.twin, grid, onset_s)
 
-    def joint_residuals(self, points: np.ndarray, predicted: Sequence[np.ndarray] | None = None) -> list[np.ndarray]:
-        """Measured minus predicted in rad, (B, n, k) a recording; what was not measured counts as 0.
-
-        `predicted` is what `predict` says of the points, where that is known already.
-        """
+    def joint_residuals(self, points: np.ndarray) -> list[np.ndarray]:
+        """Measured minus predicted in rad, (B, n, k) a recording; what was not measured counts as 0."""
         out = []
-        readings = self.predict(points) if predicted is None else predicted
-        for recording, known, read in zip(self.recordings, self._known, readings, strict=True):
+        for recording, known, read in zip(self.recordings, self._known, self.predict(points), strict=True):
             measured = np.where(known, recording.measured[:, self._columns], 0.0)
             gap = np.where(known[None], measured[None] - read, 0.0)
             out.append(np.nan_to_num(gap, nan=DIVERGED_RAD, posinf=DIVERGED_RAD, neginf=-DIVERGED_RAD))
