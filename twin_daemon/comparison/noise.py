@@ -30,13 +30,12 @@ def noise_variance(values: np.ndarray) -> float:
 def _by_differences(values: np.ndarray, order: int) -> float:
     """rad^2 from the differences of one order of samples (n,)."""
     squares = np.diff(values, n=order) ** 2 / math.comb(2 * order, order)
-    pieces = max(8, squares.size // 25)
-    blocks = np.array([block.mean() for block in np.array_split(squares, pieces)])
+    edges = np.linspace(0, squares.size, max(8, squares.size // 25) + 1).astype(int)
+    blocks = np.add.reduceat(squares, edges[:-1]) / np.diff(edges)
     count = resolution(values)
     if count > 0.0:
-        travel = np.array(
-            [np.ptp(block) for block in np.array_split(values[order // 2 : len(values) - (order + 1) // 2], pieces)]
-        )
+        beside = values[order // 2 : len(values) - (order + 1) // 2]
+        travel = np.maximum.reduceat(beside, edges[:-1]) - np.minimum.reduceat(beside, edges[:-1])
         moved = blocks[travel > _COUNTS_MOVED * count]
         blocks = moved if len(moved) >= _LEAST_BLOCKS else blocks
     return float(max(np.median(blocks), count**2 / 12.0))

@@ -55,7 +55,8 @@ class Reduction:
         # what is left out is welded where it mostly is
         self._usual = np.where(known, np.nanmedian(np.where(known, seen, 0.0), axis=0), train[0].start_position)
         self.moving = moving_joints(train)
-        self._stirring = np.any([_stirring(r) for r in (*train, *holdout)], axis=0)
+        self._least = [noise_travel(r) for r in (*train, *holdout)]
+        self._stirring = np.any([_stirring(r, w) for r, w in zip((*train, *holdout), self._least, strict=True)], axis=0)
 
     def of(
         self, twin: TwinModel, part: Part, joints: Sequence[str], *, least_s: float = LEAST_CLEAR_S
@@ -83,7 +84,9 @@ class Reduction:
         if self._paths is not None:
             cuts = self._with_links(twin, cuts, joints, small)
         touched = [self._touched(masks, joints) for masks in self._touching]
-        pieces = [segments(cut, joints, when) for cut, when in zip(cuts, touched, strict=True)]
+        kept = [recordings[0].joints.index(name) for name in small.joints]
+        each = zip(cuts, self._least, touched, strict=True)
+        pieces = [segments(cut, joints, when, least[kept]) for cut, least, when in each]
         count = len(self._train)
         train = spread([p for found in pieces[:count] for p in found], MOST_PART_S)
         holdout = spread([p for found in pieces[count:] for p in found], MOST_PART_S)
@@ -182,9 +185,12 @@ def restricted(aligned: Aligned, small: TwinModel) -> Aligned:
     )
 
 
-def _stirring(recording: Aligned) -> np.ndarray:
-    """(j,) bool: the joints that move by more than their noise; a soft one that is held gives way to its neighbours."""
-    return recording.travel > np.minimum(noise_travel(recording), MOVING_RAD)
+def _stirring(recording: Aligned, least: np.ndarray) -> np.ndarray:
+    """(j,) bool: the joints that move by more than their noise; a soft one that is held gives way to its neighbours.
+
+    `least` (j,) is what `noise_travel` says of the recording.
+    """
+    return recording.travel > np.minimum(least, MOVING_RAD)
 
 
 def _poses(twin: TwinModel, recording: Aligned) -> np.ndarray:

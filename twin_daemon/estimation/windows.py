@@ -35,13 +35,16 @@ from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.turns import Turns, turning_points
 
 
-def segments(aligned: Aligned, joints: Sequence[str], touching: np.ndarray | None = None) -> list[Aligned]:
+def segments(
+    aligned: Aligned, joints: Sequence[str], touching: np.ndarray | None = None, least: np.ndarray | None = None
+) -> list[Aligned]:
     """The recording in pieces of 1.2 to 4.2 s that start where the given joints stand still, or are slowest.
 
     With `touching` (n,) bool the samples at which they touch something are left out, and some time around them.
+    `least` (j,) is what `noise_travel` says of its joints, where that is known already.
     """
     columns = [aligned.joints.index(joint) for joint in joints]
-    least = noise_travel(aligned)
+    least = noise_travel(aligned) if least is None else least
     time_s, position = aligned.time_s, aligned.states[:, columns] / least[columns]
     width = max(2, round(STILL_S / float(np.median(np.diff(time_s)))))
     spans = [(0, len(time_s))] if touching is None or not touching.any() else _free(time_s, touching)
