@@ -84,12 +84,14 @@ class Validation:
         owned = tuple(sorted(fit.hypothesis.speaks_for(part.twin))) if fit.hypothesis else ()
         before = self._without(owned, adjusted=False)
         after = before if fit is part.base else part.held_out(fit, self._holdout)
-        left = _left(after, self._known, part.floor)
+        floor = part.floor
+        left = _left(after, self._known, floor)
         if (left > self.allowed).any():
             # what the fitted motion leaves loose is not held against either, nor what jitter does to faster motion
             before = self._without(owned, adjusted=True)
             after = before if fit is part.base else part.held_out(fit, self._holdout, adjusted=True)
-            left = _left(after, self._known, self._floor)
+            floor = self._floor
+            left = _left(after, self._known, floor)
         squares_before, squares_after = sample_squares(before, self._known), sample_squares(after, self._known)
         total_before, total_after = float(squares_before.mean()), float(squares_after.mean())
         return HeldOut(
@@ -99,7 +101,7 @@ class Validation:
             gain_ci95=block_gain(squares_before, squares_after, self._block, self._seed),
             by_joint=left,
             allowed=self.allowed,
-            asked=bool((_left(before, self._known, part.floor) > self.allowed).any()),
+            asked=bool((_left(before, self._known, floor) > self.allowed).any()),
         )
 
     def squares(self) -> np.ndarray:
