@@ -251,6 +251,7 @@ def stretch(recording: Aligned, begin_s: float, seconds: float) -> Aligned | Non
         onset_s=recording.onset_s - origin,
         start_position=position,
         start_velocity=_slopes(recording, origin),
+        start_velocity_sigma=None,
         reaction=None if recording.reaction is None else recording.reaction.shifted(origin),
     )
 

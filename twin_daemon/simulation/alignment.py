@@ -160,8 +160,9 @@ def align(twin: TwinModel, recording: Recording, trajectory: Trajectory | None =
     if trajectory is None and recording.commands is not None:
         signal = CommandSignal.from_stream(recording.commands, int(recording.stamp_ns[0]))
         _require_drive(twin, signal, recording)
-        found = Aligned(recording, twin.joints, time_s, measured, signal, 0.0, False, position, velocity)
-        return replace(found, start_velocity_sigma=sigma)
+        return Aligned(
+            recording, twin.joints, time_s, measured, signal, 0.0, False, position, velocity, start_velocity_sigma=sigma
+        )
     if trajectory is None:
         raise BadInput(
             "the recording holds no commands",
@@ -170,8 +171,9 @@ def align(twin: TwinModel, recording: Recording, trajectory: Trajectory | None =
         )
     signal = CommandSignal.from_trajectory(trajectory)
     _require_drive(twin, signal, recording)
-    found = Aligned(recording, twin.joints, time_s, measured, signal, 0.0, True, position, velocity)
-    found = replace(found, start_velocity_sigma=sigma)
+    found = Aligned(
+        recording, twin.joints, time_s, measured, signal, 0.0, True, position, velocity, start_velocity_sigma=sigma
+    )
     return found.with_onset(command_onset(twin, found))
 
 
