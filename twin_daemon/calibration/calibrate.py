@@ -11,6 +11,7 @@ import numpy as np
 from twin_daemon.calibration.spaces import Space, objective_of, variables_of
 from twin_daemon.comparison.compare import compare_recording, pooled
 from twin_daemon.errors import BadInput, nearest
+from twin_daemon.estimation.estimate import Correlated, Estimate
 from twin_daemon.estimation.solvers import DESCENTS, SEARCHES, Search
 from twin_daemon.estimation.solvers.least_squares import descend
 from twin_daemon.estimation.solvers.tracker import Progress, Tracker
@@ -19,15 +20,12 @@ from twin_daemon.estimation.thresholds import (
     POLISH_ITERATIONS,
     POLISH_SHARE,
 )
-from twin_daemon.estimation.uncertainty import Estimate, joint_estimates
+from twin_daemon.estimation.uncertainty import joint_estimates
 from twin_daemon.estimation.variables import OnsetVariable, Variable
 from twin_daemon.estimation.windows import excerpts
 from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
-
-Correlated = tuple[tuple[str, ...], np.ndarray]
-"""Names (p,) of values that were fitted together, and their correlations (p, p)."""
 
 
 @dataclass(frozen=True)

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict
 
 Identifiability = Literal["identifiable", "weak", "not_identifiable"]
 
 Number = Annotated[float, BeforeValidator(lambda value: float("nan") if value is None else value)]
 """A number that may be unknown: NaN in memory, null in JSON."""
+
+Correlated = tuple[tuple[str, ...], np.ndarray]
+"""Names (p,) of values that were fitted together, and their correlations (p, p)."""
 
 
 class Estimate(BaseModel):

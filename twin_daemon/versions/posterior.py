@@ -7,15 +7,13 @@ from datetime import datetime
 
 import numpy as np
 
+from twin_daemon.estimation.estimate import Correlated
+from twin_daemon.versions.trend import Z95
 from twin_daemon.versions.version import ParameterRecord, PosteriorRecord, Version
 
-_Z95 = 1.959963984540054
 _WIDENS = 0.01  # of a value, by the square root of a week: what nobody has looked at may have worn meanwhile
 _WEEK_S = 7 * 86_400.0
 _UNLIKE = 2.0  # sigma: a value that has left the earlier interval is another one
-
-Correlated = tuple[tuple[str, ...], np.ndarray]
-"""Names (p,) and their correlations (p, p)."""
 
 
 def posterior_of(version: Version, at: datetime | None = None) -> PosteriorRecord:
@@ -48,7 +46,7 @@ def intervals(posterior: PosteriorRecord) -> dict[str, ParameterRecord]:
     """Each value on its own, with its 95 % interval."""
     found = {}
     for i, (name, unit, mean) in enumerate(zip(posterior.names, posterior.units, posterior.means, strict=True)):
-        half = _Z95 * float(np.sqrt(posterior.covariance[i][i]))
+        half = Z95 * float(np.sqrt(posterior.covariance[i][i]))
         found[name] = ParameterRecord(value=mean, unit=unit, ci95=(mean - half, mean + half))
     return found
 
@@ -68,7 +66,7 @@ def _joined(
             known = before.means[place], float(np.sqrt(before.covariance[place][place])), before.units[place]
         one = new.get(name)
         if one is not None and one.value is not None and one.ci95 is not None:
-            sigma = (one.ci95[1] - one.ci95[0]) / (2.0 * _Z95)
+            sigma = (one.ci95[1] - one.ci95[0]) / (2.0 * Z95)
             if one.identifiable in (False, "not_identifiable"):
                 unseen.append(name)
             if known is None or sigma <= known[1] or abs(one.value - known[0]) > _UNLIKE * known[1]:

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.linalg import cho_solve
 from scipy.special import ndtr
 
-_Z95 = 1.959963984540054
+Z95 = 1.959963984540054
 _SAME = 1e-12  # of the value: an interval narrower than this says nothing about the weight
 _DEFAULT_SPREAD = 0.03  # of a value, between sessions without wear, until there are three
 _SPREADS = (0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0)  # of what a straight line leaves
@@ -352,7 +352,7 @@ def leaving(trend: Trend, band: tuple[float | None, float | None], today: float)
 
 def _sigmas(samples: Sequence[Sample]) -> np.ndarray:
     """Standard deviations (n,); an interval of no width counts as the narrowest that has one."""
-    sigma = np.array([(s.ci95[1] - s.ci95[0]) / (2 * _Z95) if s.ci95 else 0.0 for s in samples])
+    sigma = np.array([(s.ci95[1] - s.ci95[0]) / (2 * Z95) if s.ci95 else 0.0 for s in samples])
     floor = _SAME * max(1.0, max(abs(s.value) for s in samples))
     real = sigma[sigma > floor]
     return np.maximum(sigma, real.min() if real.size else 1.0)

@@ -15,12 +15,12 @@ from twin_daemon.workflows.take_over import Taken
 
 if TYPE_CHECKING:
     from twin_daemon.effects.base import Effect, Place
+    from twin_daemon.estimation.estimate import Correlated
     from twin_daemon.estimation.uncertainty import Estimate
     from twin_daemon.simulation.alignment import Aligned
     from twin_daemon.simulation.terms import EffectTerm
     from twin_daemon.simulation.twin import TwinModel
     from twin_daemon.versions import Draft
-    from twin_daemon.versions.posterior import Correlated
 
 
 def added_to(

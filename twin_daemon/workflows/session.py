@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 from twin_daemon.errors import BadInput, UsageError
 
 if TYPE_CHECKING:
+    from twin_daemon.estimation.estimate import Correlated
     from twin_daemon.hand import Hand
     from twin_daemon.simulation.alignment import Aligned
     from twin_daemon.simulation.twin import TwinModel
     from twin_daemon.versions import ParameterRecord, PosteriorRecord, RecordingUsed, VersionStore
-    from twin_daemon.versions.posterior import Correlated
 
 log = logging.getLogger("twin")
 
