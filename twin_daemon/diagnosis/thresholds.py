@@ -63,7 +63,11 @@ CLOSER_LOOK = Threshold(
 MOST_OF_EXCESS = Threshold(
     0.5, "1", "of what such a joint leaves beyond its floor: an effect that takes less away bends a right model"
 )
-SURE_FLOOR_SIGMA = Threshold(3.0, "sigma", "from its prior: nor may any of them be further")
+SURE_FLOOR_SIGMA = Threshold(
+    3.0,
+    "sigma",
+    "of a nuisance or an offset from its prior: beyond it a part is not at its floor, however little is left",
+)
 LEAST_SHARE_OF_ERROR = Threshold(0.04, "1", "of a part's error: joints with less are not suspected beside worse ones")
 MOVED_SIGMA = Threshold(
     1.0, "sigma", "of a nuisance beside a candidate: the fit is begun once more with all of them nominal"
