@@ -26,7 +26,7 @@ from twin_daemon.services.recorder import TOPICS, Listen, as_joint_state
 log = logging.getLogger("twin.bridge")
 
 EVENTS, HEALTH, VERSION, MODEL = "/twin/events", "/twin/health", "/twin/version", "/twin/model"
-_LEVELS = {"error": "Error", "refused": "Warning", "drift": "Warning"}
+_LEVELS = {"error": "Error", "alarm": "Error", "refused": "Warning", "drift": "Warning", "changed": "Warning"}
 
 Ask = Callable[[str], dict[str, Any] | None]
 """The daemon's answer to a question by its name; None where it does not answer."""
