@@ -105,7 +105,6 @@ LAWS: dict[str, Law] = {
             _of(torque=lambda n: -0.25 * float(np.tanh(n.v / 0.02)) if n.v > 0.0 else 0.0)),
         Law("magnetic_hold", (("torque", "position"),),
             _of(torque=lambda n: -2.0 * (n.q - 0.2) * float(np.exp(-(((n.q - 0.2) / 0.15) ** 2))))),
-        Law("dead_zone", (("command", "error"),), _of(gain=lambda n: max(0.0, 1.0 - 0.02 / max(abs(n.error), 1e-9)))),
         Law("crosstalk", (("reading", "shoulder"),), _of(reading=lambda n: 0.05 * n.neighbour)),
         Law("neighbour_pull", (("torque", "shoulder"),), _of(torque=lambda n: 0.35 * n.neighbour)),
         Law("neighbour_friction", (("torque", "shoulder"),),
