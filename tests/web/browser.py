@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import itertools
 import json
 import shutil
 import subprocess
@@ -23,6 +22,7 @@ _FLAGS = (
     "--enable-unsafe-swiftshader",
 )  # fmt: skip
 _START_S = 30.0
+_ANSWER_S = 30.0
 _CODES = {"Enter": 13, "Tab": 9, "Escape": 27, "ArrowRight": 39, "ArrowLeft": 37, "ArrowDown": 40, "End": 35}
 
 
@@ -81,26 +81,16 @@ class ChromiumTab(Tab):
     """One page of Chromium."""
 
     def __init__(self, socket: ClientConnection) -> None:
-        super().__init__()
-        self._socket = socket
-        self._numbers = itertools.count(1)
+        super().__init__(socket, _ANSWER_S)
         self._chooser: int | None = None
         for domain in ("Page", "Runtime", "Log"):
             self.call(f"{domain}.enable")
         self.call("Emulation.setFocusEmulationEnabled", enabled=True)  # keys reach a tab behind another one
 
-    def call(self, method: str, timeout_s: float = 30.0, **parameters: Any) -> dict[str, Any]:
-        number = next(self._numbers)
-        self._socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
-        deadline_s = time.monotonic() + timeout_s
-        while True:
-            answer = json.loads(self._socket.recv(timeout=max(deadline_s - time.monotonic(), 0.01)))
-            if answer.get("id") == number:
-                if "navigated" in answer.get("error", {}).get("message", ""):
-                    raise Left(answer["error"]["message"])
-                assert "error" not in answer, answer["error"]
-                return answer["result"]
-            self._note(answer)
+    def _check(self, method: str, answer: dict[str, Any]) -> None:
+        if "navigated" in answer.get("error", {}).get("message", ""):
+            raise Left(answer["error"]["message"])
+        assert "error" not in answer, f"{method}: {answer['error']}"
 
     def _note(self, event: dict[str, Any]) -> None:
         told = event.get("params", {})
@@ -177,6 +167,3 @@ class ChromiumTab(Tab):
 
     def picture(self, path: Path) -> None:
         path.write_bytes(base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"]))
-
-    def close(self) -> None:
-        self._socket.close()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import itertools
 import json
 import os
 import shutil
@@ -114,46 +113,38 @@ class FirefoxTab(Tab):
     """One page of Firefox."""
 
     def __init__(self, socket: ClientConnection) -> None:
-        super().__init__()
-        self._socket = socket
-        self._numbers = itertools.count(1)
+        super().__init__(socket, _ANSWER_S)
         wanted = {"alwaysMatch": {"unhandledPromptBehavior": {"default": "ignore", "file": "ignore"}}}
-        self._ask("session.new", capabilities=wanted)
-        self._ask("session.subscribe", events=["log.entryAdded"])
-        self._context = self._ask("browsingContext.getTree")["contexts"][0]["context"]
+        self.call("session.new", capabilities=wanted)
+        self.call("session.subscribe", events=["log.entryAdded"])
+        self._context = self.call("browsingContext.getTree")["contexts"][0]["context"]
         self.screen(1280, 900)
 
-    def _ask(self, method: str, timeout_s: float = _ANSWER_S, **parameters: Any) -> dict[str, Any]:
-        number = next(self._numbers)
-        self._socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
-        deadline_s = time.monotonic() + timeout_s
-        while True:
-            answer = json.loads(self._socket.recv(timeout=max(deadline_s - time.monotonic(), 0.01)))
-            if answer.get("id") == number:
-                if answer["type"] == "error":
-                    gone = answer["error"] in ("no such frame", "no such realm", "unknown error")
-                    raise (Left if gone else AssertionError)(f"{method}: {answer['error']}: {answer['message']}")
-                return answer["result"]
-            if answer.get("method") == "log.entryAdded" and answer["params"]["level"] in ("error", "warn"):
-                self._note(answer["params"])
+    def _check(self, method: str, answer: dict[str, Any]) -> None:
+        if answer["type"] == "error":
+            gone = answer["error"] in ("no such frame", "no such realm", "unknown error")
+            raise (Left if gone else AssertionError)(f"{method}: {answer['error']}: {answer['message']}")
 
-    def _note(self, entry: dict[str, Any]) -> None:
-        if "WebGL" not in (entry["text"] or ""):  # how it draws without a graphics card
-            self.console.append(entry["text"])
+    def _note(self, event: dict[str, Any]) -> None:
+        if event.get("method") != "log.entryAdded" or event["params"]["level"] not in ("error", "warn"):
+            return
+        text = event["params"]["text"]
+        if "WebGL" not in (text or ""):  # how it draws without a graphics card
+            self.console.append(text)
 
     def before_each_page(self, script: str) -> None:
-        self._ask("script.addPreloadScript", functionDeclaration=f"() => {{ {script} }}")
+        self.call("script.addPreloadScript", functionDeclaration=f"() => {{ {script} }}")
 
     def go(self, address: str) -> None:
-        self._ask("browsingContext.navigate", context=self._context, url=address, wait="none")
+        self.call("browsingContext.navigate", context=self._context, url=address, wait="none")
 
     def reload(self) -> None:
-        self._ask("browsingContext.reload", context=self._context, wait="none")
+        self.call("browsingContext.reload", context=self._context, wait="none")
 
     def run(self, expression: str) -> Any:
         # what the protocol returns is a tree of its own: a text of JSON is not
         told = f"(async () => JSON.stringify(await ({expression})))()"
-        answer = self._ask(
+        answer = self.call(
             "script.evaluate",
             expression=told,
             target={"context": self._context},
@@ -165,7 +156,7 @@ class FirefoxTab(Tab):
 
     def _act(self, kind: str, actions: list[dict[str, Any]], **more: Any) -> None:
         source = {"type": kind, "id": kind, "actions": actions, **more}
-        self._ask("input.performActions", context=self._context, actions=[source])
+        self.call("input.performActions", context=self._context, actions=[source])
 
     def key(self, key: str) -> None:
         value = _KEYS.get(key, key)
@@ -181,18 +172,15 @@ class FirefoxTab(Tab):
 
     def choose_file(self, path: Path) -> None:
         chooser = "document.querySelector('input[type=file]')"
-        found = self._ask("script.evaluate", expression=chooser, target={"context": self._context}, awaitPromise=False)[
+        found = self.call("script.evaluate", expression=chooser, target={"context": self._context}, awaitPromise=False)[
             "result"
         ]
         element = {"sharedId": found["sharedId"]}
-        self._ask("input.setFiles", context=self._context, element=element, files=[str(path)])
+        self.call("input.setFiles", context=self._context, element=element, files=[str(path)])
 
     def screen(self, width: int, height: int) -> None:
-        self._ask("browsingContext.setViewport", context=self._context, viewport={"width": width, "height": height})
+        self.call("browsingContext.setViewport", context=self._context, viewport={"width": width, "height": height})
 
     def picture(self, path: Path) -> None:
-        data = self._ask("browsingContext.captureScreenshot", context=self._context)["data"]
+        data = self.call("browsingContext.captureScreenshot", context=self._context)["data"]
         path.write_bytes(base64.b64decode(data))
-
-    def close(self) -> None:
-        self._socket.close()

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import time
 from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Any
+
+from websockets.sync.client import ClientConnection
 
 # The middle of an element where a pointer would reach it, else nothing: it may be hidden, disabled or covered.
 _REACHED = """((one) => {
@@ -25,8 +28,31 @@ class Left(AssertionError):
 class Tab(ABC):
     """One page: runs expressions in it, waits for them to become true, and keeps what its console said."""
 
-    def __init__(self) -> None:
+    def __init__(self, socket: ClientConnection, answer_s: float) -> None:
+        """`answer_s` is how long the browser may take for an answer."""
         self.console: list[str] = []
+        self._socket, self._answer_s = socket, answer_s
+        self._numbers = itertools.count(1)
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """What the browser answers to a method of its protocol. Left where the page went meanwhile."""
+        number = next(self._numbers)
+        self._socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
+        deadline_s = time.monotonic() + self._answer_s
+        while True:
+            told = json.loads(self._socket.recv(timeout=max(deadline_s - time.monotonic(), 0.01)))
+            if told.get("id") == number:
+                self._check(method, told)
+                return told["result"]
+            self._note(told)
+
+    @abstractmethod
+    def _check(self, method: str, answer: dict[str, Any]) -> None:
+        """Raises Left or AssertionError where an answer is an error."""
+
+    @abstractmethod
+    def _note(self, event: dict[str, Any]) -> None:
+        """Keeps what an event says."""
 
     @abstractmethod
     def before_each_page(self, script: str) -> None:
@@ -65,8 +91,8 @@ class Tab(ABC):
     @abstractmethod
     def picture(self, path: Path) -> None: ...
 
-    @abstractmethod
-    def close(self) -> None: ...
+    def close(self) -> None:
+        self._socket.close()
 
     def until(self, expression: str, timeout_s: float = 20.0) -> Any:
         """The first true value of an expression, which may fail while the page is being loaded."""

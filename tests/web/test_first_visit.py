@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -27,17 +27,16 @@ def fox(tmp_path: Path) -> Iterator[Firefox]:
         yield running
 
 
-def visit(served: Workbench, tab: Any, name: str) -> Visit:
-    folder = os.environ.get("TWIN_PICTURES")
+def visited(served: Workbench, tab: Any, name: str, way: Callable[[Visit, str, Path], Found], folder: Path) -> Found:
+    """A visit that came from an empty state folder to a version in use, and how it got there."""
+    pictures = os.environ.get("TWIN_PICTURES")
 
     def picture(moment: str) -> None:
-        if folder:
-            tab.picture(Path(folder) / f"visit-{name}-{moment}.png")
+        if pictures:
+            tab.picture(Path(pictures) / f"visit-{name}-{moment}.png")
 
-    return Visit(tab, served.ask, picture, rules=AXE.exists())
-
-
-def as_it_should_be(found: Found) -> None:
+    visit = Visit(tab, served.ask, picture, rules=AXE.exists())
+    found = way(visit, served.page, loose_finger(folder / "loose_finger.mcap"))
     assert (found.effect, found.place) == ("backlash", JOINT)
     assert found.gap_rad == pytest.approx(PLAY_RAD, rel=0.05)
     assert found.gap_ci95_rad[0] <= PLAY_RAD <= found.gap_ci95_rad[1]
@@ -47,40 +46,33 @@ def as_it_should_be(found: Found) -> None:
     assert found.violations == []
     assert found.console == []
     assert found.too_wide == []
+    return found
 
 
 @pytest.mark.slow
 def test_a_bag_is_dropped_and_six_clicks_later_its_play_is_in_use(
     workbench: Any, browser: Browser, tmp_path: Path
 ) -> None:
-    served, tab = workbench(), browser.open("about:blank")
-    found = visit(served, tab, "pointer").by_pointer(served.page, loose_finger(tmp_path / "loose_finger.mcap"))
-    as_it_should_be(found)
+    found = visited(workbench(), browser.open("about:blank"), "pointer", Visit.by_pointer, tmp_path)
     assert found.clicks <= MOST_CLICKS
     assert found.beside_s < 120.0, "fifteen on a machine of its own"
 
 
 @pytest.mark.slow
 def test_the_keyboard_alone_gets_there(workbench: Any, browser: Browser, tmp_path: Path) -> None:
-    served, tab = workbench(), browser.open("about:blank")
-    found = visit(served, tab, "keyboard").by_keyboard(served.page, loose_finger(tmp_path / "loose_finger.mcap"))
-    as_it_should_be(found)
+    found = visited(workbench(), browser.open("about:blank"), "keyboard", Visit.by_keyboard, tmp_path)
     assert found.clicks == 0
 
 
 @pytest.mark.slow
 def test_a_phone_gets_there(workbench: Any, browser: Browser, tmp_path: Path) -> None:
-    served, tab = workbench(), browser.open("about:blank")
-    found = visit(served, tab, "phone").on_a_phone(served.page, loose_finger(tmp_path / "loose_finger.mcap"))
-    as_it_should_be(found)
+    found = visited(workbench(), browser.open("about:blank"), "phone", Visit.on_a_phone, tmp_path)
     assert found.clicks <= MOST_CLICKS
 
 
 @pytest.mark.slow
 def test_firefox_gets_there(workbench: Any, fox: Firefox, tmp_path: Path) -> None:
-    served, tab = workbench(), fox.open("about:blank")
-    found = visit(served, tab, "firefox").by_pointer(served.page, loose_finger(tmp_path / "loose_finger.mcap"))
-    as_it_should_be(found)
+    found = visited(workbench(), fox.open("about:blank"), "firefox", Visit.by_pointer, tmp_path)
     assert found.clicks <= MOST_CLICKS
 
 
