@@ -181,15 +181,16 @@ def _tried(
             if index not in odds or gained > odds[index]:
                 odds[index] = gained
             begun.setdefault(index, []).append(origin)
-    priors = {i: price + (0.0 if _is_present(pair, i) else float(np.log(APPEARS))) for i in odds}
-    posterior = {index: odds[index] + priors[index] for index in odds}
+    posterior = {index: odd + _odds_before(pair, index, price) for index, odd in odds.items()}
     fits: dict[int, Fit] = {}
+    none = fit.log_evidence
     worth = sorted((i for i in odds if odds[i] > WORTH_REFITTING), key=lambda i: -odds[i])
     # to first order an effect that is not smooth may promise anything: all of them that do are refitted
     smooth = [i for i in worth if not pair.now.quantities[i].grows][:FINALISTS]
     rough = [i for i in worth if pair.now.quantities[i].grows]
     asked = [*smooth, *rough]
     while asked:
+        known = dict(fits)
         for index in asked:
             changed = (*chosen, index)
             begins = [_refitted(origin, changed, index, FIRST_ROUNDS) for origin in begun[index]]
@@ -197,14 +198,18 @@ def _tried(
         for index, found in softer_tendons({i: fits[i] for i in asked}, chosen).items():
             if index not in fits or found.log_evidence > fits[index].log_evidence:
                 fits[index] = _ended(found, (*chosen, index), fits)
-                priors[index] = price + (0.0 if _is_present(pair, index) else float(np.log(APPEARS)))
-        none = _best_without(fit, fits.values(), chosen)
-        posterior |= {index: found.log_evidence - none + priors[index] for index, found in fits.items()}
+        fitted = [found for index, found in fits.items() if found is not known.get(index)]
+        none = max(none, _best_without(fit, fitted, chosen))
+        posterior |= {i: found.log_evidence - none + _odds_before(pair, i, price) for i, found in fits.items()}
         # where the finalists have not kept what they promised, the next best is asked, until the best has been refitted
-        asked = [
-            index for index in (max(posterior, key=lambda i: posterior[i]),) if index not in fits and index in worth
-        ]
+        top = max(posterior, key=posterior.__getitem__)
+        asked = [top] if top in worth and top not in fits else []
     return fits, posterior
+
+
+def _odds_before(pair: Pair, index: int, price: float) -> float:
+    """Log odds of a change before any motion is seen: less where there was nothing that could have changed."""
+    return price if _is_present(pair, index) else price + float(np.log(APPEARS))
 
 
 def _ended(found: Fit, changed: tuple[int, ...], others: Mapping[int, Fit]) -> Fit:
