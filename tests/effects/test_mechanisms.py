@@ -170,6 +170,44 @@ def test_the_brake_takes_its_share_of_the_torque(coefficient: float, torque: flo
     assert speed == pytest.approx(torque * (1.0 - coefficient), rel=0.01 if coefficient <= 0.3 else 0.15)
 
 
+@pytest.mark.parametrize("coefficient", [0.3, 0.42])
+def test_a_brake_that_creeps_is_friction_whose_limit_is_set_by_the_load(coefficient: float):
+    def soft(spec) -> None:  # a servo that lets friction hold it away from its target
+        spec.option.gravity = np.array([0.0, 0.0, -2.0])
+        joint, servo = spec.joint("rh_FFJ3"), spec.actuator("rh_A_FFJ3")
+        joint.frictionloss, joint.damping, joint.armature = 0.01, np.array([0.05, 0.0, 0.0]), 2e-4
+        servo.gainprm[0], servo.biasprm[1] = 1.0, -1.0
+
+    finger = loaded_finger(soft)
+    servo, joint = finger.actuators.index("rh_FFJ3"), finger.joints.index("rh_FFJ3")
+    controls = np.zeros((1500, len(finger.actuators)))
+    controls[:, servo] = np.repeat([0.0, 0.4, 0.9, 0.3, 0.7, 0.5], 250)  # holds of half a second
+    column, dof = finger.qpos_adr[joint], finger.dof_adr[joint]
+
+    model = finger.model
+    limit = float(model.dof_frictionloss[dof])
+    data = mujoco.MjData(model)
+    data.qpos[:] = finger.initial_qpos(np.zeros(len(finger.joints)))
+    exact = np.zeros(len(controls))
+    for step, control in enumerate(controls):
+        pull = model.actuator_gainprm[servo, 0] * (control[servo] - data.qpos[column])
+        pull = np.clip(pull, *model.actuator_forcerange[servo])
+        model.dof_frictionloss[dof] = limit + coefficient * abs(pull)
+        data.ctrl[:] = control
+        mujoco.mj_step(model, data)
+        exact[step] = data.qpos[column]
+    model.dof_frictionloss[dof] = limit
+
+    def off(creep: float) -> float:
+        values = {"coefficient": coefficient, "creep": creep}
+        term = EffectTerm(effect="load_friction", target="rh_FFJ3", values=values)
+        moved = move(finger.changed(Terms(effects=(term,))), controls)[1:, joint]
+        return float(np.sqrt(np.mean((moved - exact) ** 2)))
+
+    assert off(1.0) < 1.5e-3
+    assert off(1.0) < off(0.0)
+
+
 def test_stribeck_friction_without_its_fall_is_coulomb_friction(bench: Bench):
     falling = bench.move(bench.with_effects(("stribeck_friction", "rh_FFJ3", {"breakaway": 0.1, "velocity": 100.0})))
     coulomb = bench.move(bench.with_effects(("coulomb_friction", "rh_FFJ3", {"friction": 0.1})))

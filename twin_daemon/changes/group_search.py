@@ -193,7 +193,7 @@ def _tried(
         known = dict(fits)
         for index in asked:
             changed = (*chosen, index)
-            begins = [_refitted(origin, changed, index, FIRST_ROUNDS) for origin in begun[index]]
+            begins = [one for origin in begun[index] for one in _refitted(origin, changed, index, FIRST_ROUNDS)]
             fits[index] = _ended(max(begins, key=lambda one: one.log_evidence), changed, fits)
         for index, found in softer_tendons({i: fits[i] for i in asked}, chosen).items():
             if index not in fits or found.log_evidence > fits[index].log_evidence:
@@ -225,14 +225,14 @@ def _best_without(fit: Fit, fits: Collection[Fit], chosen: tuple[int, ...]) -> f
     return max([fit.log_evidence, *(one.pair.fit(chosen, one, FIRST_ROUNDS).log_evidence for one in better)])
 
 
-def _refitted(origin: Fit, changed: tuple[int, ...], index: int, rounds: int) -> Fit:
-    """A change fitted in roll-outs; an effect is put into the models of both sessions for that."""
+def _refitted(origin: Fit, changed: tuple[int, ...], index: int, rounds: int) -> list[Fit]:
+    """A change fitted in roll-outs; an effect is put into the models of both sessions for that, by each of its laws."""
     pair, quantity = origin.pair, origin.pair.now.quantities[index]
     if not quantity.grows or index in pair.now.active:
-        return pair.fit(changed, origin, rounds)
-    aim = origin.expected(changed)[0]
-    begun = Fit(pair, aim, origin.rows, origin.slopes, origin.changed)
-    return pair.with_active(pair.now.active | {index}).fit(changed, begun, rounds)
+        return [pair.fit(changed, origin, rounds)]
+    begun = Fit(pair, origin.expected(changed)[0], origin.rows, origin.slopes, origin.changed)
+    laws = [pair.with_quantity(index, law).with_active(pair.now.active | {index}) for law in quantity.laws()]
+    return [law.fit(changed, begun, rounds) for law in laws]
 
 
 def _is_present(pair: Pair, index: int) -> bool:

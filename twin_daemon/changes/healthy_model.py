@@ -31,6 +31,8 @@ def settled(pair: Pair) -> tuple[Pair, Fit | None]:
             break
         alone, fit = again.pair, again
     fit = alone.fit((), _weighed(alone, fit))
+    for index in alone.now.active:
+        pair = pair.with_quantity(index, alone.now.quantities[index])
     pair = pair.with_active(alone.now.active)
     assert alone.before is not None
     assert pair.before is not None
@@ -81,7 +83,8 @@ def _with_another(alone: Pair, fit: Fit) -> Fit | None:
     raced: list[Fit] = []
     for index, quantity in enumerate(alone.now.quantities):
         if quantity.grows and index not in alone.now.active:
-            begun = [_begun(alone, point, index) for point in _starts(alone, fit, index)]
+            laws = [alone.with_quantity(index, law) for law in quantity.laws()]
+            begun = [_begun(law, point, index) for law in laws for point in _starts(alone, fit, index)]
             raced += [one.pair.fit((), one, FIRST_ROUNDS) for one in begun if np.isfinite(one.cost)]
     raced.sort(key=lambda one: one.cost)
     best = min((one.pair.fit((), one) for one in raced[:FINALISTS]), key=lambda one: one.cost, default=None)

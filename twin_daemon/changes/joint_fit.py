@@ -230,3 +230,6 @@ class _Alone(Pair):
 
     def with_active(self, active: Collection[int]) -> Pair:
         return super().with_active(active).baseline_only()
+
+    def with_quantity(self, index: int, quantity: Quantity) -> Pair:
+        return super().with_quantity(index, quantity).baseline_only()

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from twin_daemon.changes.thresholds import (
+    CREEPS,
     MOTOR_SHARE,
     SHARED_SIGMA,
     SHARED_UNITS,
@@ -52,6 +53,7 @@ class Quantity:
     slab: float = SLAB
     visible: float = VISIBLE
     motor_share: float = MOTOR_SHARE
+    creep: float = 0.0
 
     @property
     def is_parameter(self) -> bool:
@@ -70,14 +72,20 @@ class Quantity:
             return float(self.typical / z) if z > 0.0 else None
         return float(z * self.typical)
 
+    def laws(self) -> tuple[Quantity, ...]:
+        """It by every law that it may follow: friction that grows with the load holds at rest, or creeps."""
+        if self.effect == "load_friction":
+            return tuple(replace(self, creep=float(creep)) for creep in CREEPS)
+        return (self,)
+
     def term(self, z: float) -> EffectTerm:
         """An effect at an amount, its other values as they usually are."""
         effect = LIBRARY[self.effect]
         amount = self.value(z)
         assert self.parameter is not None
         values = effect.neutral() | {p.name: p.default for p in effect.parameters if p.log or p.held}
-        if "motor_share" in values:
-            values["motor_share"] = float(self.motor_share)
+        own = {"motor_share": self.motor_share, "creep": self.creep}
+        values |= {name: float(one) for name, one in own.items() if name in values}
         values[self.parameter] = effect.neutral()[self.parameter] if amount is None else amount
         return EffectTerm(effect=self.effect, target=self.target, values=effect.complete(effect.clipped(values)))
 

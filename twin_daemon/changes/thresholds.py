@@ -37,6 +37,12 @@ OTHER_SHARES = tuple(
     Threshold(share, "1", "of them, tried as well where a weaker servo would look like a softer tendon")
     for share in (0.02, 0.5)
 )
+CREEPS = tuple(
+    Threshold(
+        creep, "1", "of the joint's own friction at rest: laws of load friction that are tried, held and creeping"
+    )
+    for creep in (0.0, 1.0)
+)
 FIRST_ROUNDS = Count(3, "steps", "of Gauss-Newton after which a change that is far behind is left alone")
 COMPARABLE_NATS = Threshold(30.0, "nats", "behind the best: what is further behind then is not fitted to the end")
 FURTHER_SHARE = Threshold(0.1, "1", "of the first change's evidence that another one at the same joints has to bring")

@@ -9,12 +9,18 @@ import mujoco
 import numpy as np
 
 from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
-from twin_daemon.effects.edits import servo_stiffness
+from twin_daemon.effects.edits import linear, servo_stiffness
 from twin_daemon.effects.transmission import pulled_joints
 
-_PRESS = 10.0  # N/rad: force on the brake by error of the servo, so that weak and strong servos press alike
+_PRESS = 7.0  # 1/m: force on the brake by torque of the servo; its shoe then lifts off by a millimetre at 1 rad/s
+_SHOE_KG = 0.03  # by N m/rad of the servo, so that weak and strong servos press alike
+_SHOE_DAMPING = 30.0  # N s/m by the same
+_SOFT, _SOFT_FROM = 1.0, 0.1  # (1 - d) / d of the plates' impedance d, from this coefficient on
 _THICK_M = 0.005
-_SHOE_KG = 1e-6
+_WEIGHTLESS_KG = 1e-6
+_HARD = 1e-5  # sliding friction of a brake that holds for ever: MuJoCo's pyramids are as soft as its square
+_HELD_RAD = 0.03  # of servo error at which a joint is typically held, where two frictions share a load
+_SOFTEST = 10.0  # times the joint's own friction may become softer for that
 
 
 class LoadFriction(Effect):
@@ -23,9 +29,18 @@ class LoadFriction(Effect):
     The servo pulls a tendon over its joint and, beside it, a slide along the joint's axis. The slide is held
     between two plates of the parent link, so that it cannot give way: the joint gets the whole torque, a plate
     is pressed in proportion, and their contact resists turning about the axis (torsional friction).
-    MuJoCo's contacts lift off a little as they slide; with a heavily damped shoe on soft plates the mean of the
-    friction is right to 1 % up to a coefficient of 0.3, and to 15 % above. Without friction the shoe still moves by
-    its softness: a coefficient of 0 is the model without the effect to 0.2 mrad rms, 2 mrad in a full step.
+    MuJoCo's contacts lift off a little as they slide; with a heavily damped shoe the mean of the friction is right to
+    1 % up to a coefficient of 0.3, and to 15 % above. Without friction the shoe still moves by its softness: a
+    coefficient of 0 is the model without the effect to 0.2 mrad rms, 2 mrad in a full step.
+
+    `frictionloss` of MuJoCo is soft and creeps under a load below its limit, by (1 - d) / (d m b) rad/s by N m (d its
+    impedance, m the inertia, b its damping rate: MuJoCo's documentation, Computation). A plant whose `frictionloss`
+    is set by the load does the same, a real sheath stays: `creep` is how fast the brake gives way, in that of the
+    joint's own friction. Both share a load at rest and would hold it twice as firmly: each is softer by what the other
+    takes, so that together they give way as one does, exactly where the servo is off by a typical 0.03 rad. Where it
+    is about to slide, a brake gives way by the softness of one edge of a pyramid, 2 mu^2 (1 + mu^2) times that of the
+    normal over `impratio`. The sliding friction mu turns nothing here, as the contact lies on the axis: it sets the
+    creep.
     """
 
     key = "load_friction"
@@ -36,6 +51,7 @@ class LoadFriction(Effect):
     neutral_within_rad = 3e-3  # the shoe moves by its softness: see above
     parameters = (
         Parameter("coefficient", "1", 0.0, 0.8, 0.0, 0.2, "friction torque over the torque that the servo transmits"),
+        Parameter("creep", "1", 0.0, 3.0, 0.0, 0.0, "how fast it gives way at rest: 1 as the model's own friction"),
     )
     story = Story(
         what="The harder the servo pulls, the more the transmission rubs.",
@@ -51,7 +67,7 @@ class LoadFriction(Effect):
 
     def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:
         model = spec.compile()
-        press = _PRESS / servo_stiffness(spec, place)  # 1/m: newtons on a plate by newton metre of the servo
+        stiffness = servo_stiffness(spec, place)
         joint = spec.joint(place.joint)
         link = model.body(joint.parent.name)
         compiled = model.jnt_axis[model.joint(place.joint).id]
@@ -61,14 +77,19 @@ class LoadFriction(Effect):
 
         shoe = joint.parent.add_body(name=f"{place.joint}_brake", pos=anchor, quat=along)
         shoe.explicitinertial = True
-        shoe.mass, shoe.ipos, shoe.inertia = _SHOE_KG, np.zeros(3), np.full(3, 1e-10)
+        shoe.mass, shoe.ipos, shoe.inertia = _WEIGHTLESS_KG, np.zeros(3), np.full(3, 1e-10)
         slide = shoe.add_joint(name=f"{place.joint}_brake", type=mujoco.mjtJoint.mjJNT_SLIDE)
         slide.axis = np.array([0.0, 0.0, 1.0])
         slide.limited = mujoco.mjtLimited.mjLIMITED_FALSE
-        slide.armature, slide.damping, slide.frictionloss = 0.01, np.array([10.0, 0.0, 0.0]), 0.0
+        slide.armature, slide.frictionloss = _SHOE_KG * stiffness, 0.0
+        slide.damping = np.array([_SHOE_DAMPING * stiffness, 0.0, 0.0])
         _solid(shoe, f"{place.joint}_brake", mujoco.mjtGeom.mjGEOM_SPHERE, np.full(3, _THICK_M))
-        # what rubs lifts off in proportion, and what is soft stays on; what does not rub may be hard
-        firm = 1.0 / (1.001 + 0.11 * min(1.0, values["coefficient"] / 0.1))
+        own = linear(joint, "frictionloss") / (_HELD_RAD * stiffness)  # as a coefficient
+        least, rubs = float(joint.solimp_friction[0]), max(values["coefficient"], 1e-6)
+        softer = 1.0 + values["creep"] * min(rubs / max(own, 1e-6), _SOFTEST)
+        joint.solimp_friction[0] = least / (least + (1.0 - least) * softer)
+        creep = values["creep"] * (1.0 + own / rubs)
+        lever, sliding, firm, firm_s = _softness(model, place, values["coefficient"], creep, slide.armature)
         turned, centre = np.empty(4), np.empty(3)
         mujoco.mju_mulQuat(turned, link.quat, along)
         for side, name in ((1.0, "over"), (-1.0, "under")):
@@ -82,22 +103,45 @@ class LoadFriction(Effect):
             plate.pos, plate.quat = link.pos + centre, turned
             touch = spec.add_pair(name=plate.name, geomname1=f"{place.joint}_brake", geomname2=plate.name)
             touch.condim = 4
-            touch.friction = np.array([1e-5, 1e-5, max(values["coefficient"] / press, 1e-7), 1e-5, 1e-5])
-            touch.solref, touch.solimp = np.array([0.02, 1.0]), np.array([firm, firm, 0.001, 0.5, 2.0])
-        self._press(spec, place, slide.name, press)
+            touch.friction = np.array([sliding, sliding, lever, 1e-5, 1e-5])
+            touch.solref, touch.solimp = np.array([firm_s, 1.0]), np.array([firm, firm, 0.001, 0.5, 2.0])
+        self._press(spec, place, slide.name)
 
     @staticmethod
-    def _press(spec: Any, place: Place, slide: str, press: float) -> None:
+    def _press(spec: Any, place: Place, slide: str) -> None:
         actuator = spec.actuator(place.actuator)
         if actuator.trntype != mujoco.mjtTrn.mjTRN_TENDON:
             pull = spec.add_tendon(name=f"{place.actuator}_pull")
             for name, coefficient in pulled_joints(spec, actuator).items():
                 pull.wrap_joint(name, coefficient)
             actuator.trntype, actuator.target = mujoco.mjtTrn.mjTRN_TENDON, pull.name
-        spec.tendon(actuator.target).wrap_joint(slide, press)
+        spec.tendon(actuator.target).wrap_joint(slide, _PRESS)
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
-        return tuple({"coefficient": coefficient} for coefficient in (0.05, 0.2, 0.5))
+        holds = tuple({"coefficient": coefficient, "creep": 0.0} for coefficient in (0.05, 0.2, 0.5))
+        return (*holds, {"coefficient": 0.2, "creep": 1.0})
+
+
+def _softness(
+    model: mujoco.MjModel, place: Place, coefficient: float, creep: float, shoe_kg: float
+) -> tuple[float, float, float, float]:
+    """Torsional friction (m), sliding friction (1), impedance (1) and time constant (s) of the brake's contacts."""
+    lever = max(coefficient / _PRESS, 1e-7)
+    joint = model.joint(place.joint)
+    link = int(model.jnt_bodyid[joint.id])
+    dof = int(model.jnt_dofadr[joint.id])
+    constant_s, _ = model.dof_solref[dof]
+    least, most = model.dof_solimp[dof][:2]
+    own = (1.0 - least) / least * float(model.dof_invweight0[dof])  # 1/(kg m2): softness of the joint's own friction
+    # by MuJoCo a contact is as soft as its bodies are light: 1/kg, along three directions of which the shoe has one
+    weight = 1.0 / (3.0 * shoe_kg) + 2.0 * float(model.body_invweight0[model.body_parentid[link], 0])
+    # what rubs lifts off in proportion, and what is soft stays on; what does not rub may be hard
+    softness = 1e-3 + _SOFT * min(coefficient / _SOFT_FROM, 1.0)
+    firm = 1.0 / (1.0 + softness)
+    normal = softness * weight / float(model.opt.impratio)
+    asked = creep * own * lever**2 / (2.0 * normal)
+    sliding = max(float(np.sqrt(0.5 * (np.sqrt(1.0 + 4.0 * asked) - 1.0))), _HARD)
+    return lever, sliding, firm, float(most * constant_s / firm)
 
 
 def _solid(body: Any, name: str, kind: Any, size: np.ndarray) -> Any:
