@@ -225,6 +225,27 @@ def test_a_cold_morning_is_no_wear_with_the_temperature_and_ambiguous_without(rn
         assert trend.covariate_effect[1][0] < -0.015 < trend.covariate_effect[1][1] + 0.005
 
 
+def test_swings_of_temperature_are_hardly_ever_wear_where_the_temperature_is_known() -> None:
+    wear = 0
+    for seed in range(25):
+        rng = np.random.default_rng(seed)
+        week = np.arange(16.0)
+        degrees = 20.0 + 6.0 * np.sin(rng.uniform(0.3, 0.8) * week + rng.uniform(0.0, 6.0))
+        values = (1.0 - 0.016 * (degrees - 20.0)) * (1.0 + rng.normal(0.0, 0.01, 16))
+        looks = samples((7.0 * week).tolist(), values.tolist(), 0.02)
+        known = [Sample(s.day, s.value, s.ci95, float(t)) for s, t in zip(looks, degrees, strict=True)]
+        wear += fit_trend(known, among=20).verdict != "no_trend"
+    assert wear == 0
+
+
+def test_among_many_values_a_trend_has_to_be_surer(rng: np.random.Generator) -> None:
+    values = 1.0 + 0.015 * np.arange(10.0) + 0.02 * np.array([1, -1, -1, 1, 0, 1, -1, 1, -1, 0])
+    looks = samples((7.0 * np.arange(10.0)).tolist(), values.tolist(), 0.04)
+    alone, among = fit_trend(looks), fit_trend(looks, among=2000)
+    assert (alone.verdict, among.verdict) == ("rising", "no_trend")
+    assert alone.slope_ci95 == among.slope_ci95
+
+
 def test_the_covariate_comes_from_a_file_and_the_limit_from_the_description(
     tmp_path: Path, mjcf: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

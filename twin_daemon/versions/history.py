@@ -130,9 +130,16 @@ def history(
                 bands[name] = (record.lower, record.upper)
     today = max(store.now(), promoted[-1].at)
     bands |= limits or {}
+    among = sum(len(_measured(points)) > 1 for points in gathered.values())
     return [
         _series(
-            name, units.get(name, _of_library(name)[0]), points, bands.get(name, _of_library(name)[1]), today, covariate
+            name,
+            units.get(name, _of_library(name)[0]),
+            points,
+            bands.get(name, _of_library(name)[1]),
+            today,
+            covariate,
+            among,
         )
         for name, points in _chosen(gathered, names).items()
     ]
@@ -185,13 +192,15 @@ def _series(
     band: tuple[float | None, float | None],
     today: datetime,
     covariate: Callable[[datetime], float] | None,
+    among: int,
 ) -> Series:
     start = points[0].at
     trend = fit_trend(
         [
             Sample(_days(p.at - start), p.value, p.ci95, None if covariate is None else covariate(p.at))
             for p in _measured(points)
-        ]
+        ],
+        among,
     )
     left = leaving(trend, band, _days(today - start))
     levels = tuple(Level(start + timedelta(days=day), level, ci95) for day, level, ci95 in trend.band)

@@ -34,6 +34,7 @@ _DRAWS = 500
 _HORIZON_DAYS = 20.0 * 365.25  # what is later is not said
 _COUNTS = 1e-3  # of all weight: an answer with less is left out
 _DIFFER = 2.0  # of the intervals' sigma: looks that are farther off a line than this differ by more than their noise
+_FALSE = 0.01  # probability that an unworn hand's history shows any trend, over all values that are looked at
 _BACK = 0.5  # of what had gathered: a jump that leaves less is a repair
 
 Verdict = Literal["rising", "falling", "no_trend", "too_few"]
@@ -78,7 +79,8 @@ class Jump:
 class Trend:
     """`slope_per_day` is the growth at the last look with its 95 % interval; None where there are too few values.
 
-    No trend: the interval holds 0. `band` is (day, level, its interval) at each look, without the covariate's part.
+    A trend: the growth is so far from 0 that among all values that are looked at hardly one would be by chance.
+    `band` is (day, level, its interval) at each look, without the covariate's part.
     `wanders` says that the level goes up and down by itself, or that looks differ by more than their intervals:
     temperature, load, or wear and care, which the values alone cannot tell apart.
     """
@@ -105,10 +107,12 @@ class _Answer:
     wanders: bool
 
 
-def fit_trend(samples: Sequence[Sample]) -> Trend:
+def fit_trend(samples: Sequence[Sample], among: int = 1) -> Trend:
     """The model fitted to the samples that have an interval; to all, with equal weights, where none has one.
 
-    Two samples need intervals, more do not: their scatter then says how sure the answer is.
+    Two samples need intervals, more do not: their scatter then says how sure the answer is. `among` is how many
+    values of the hand are looked at: of a hundred 95 % intervals of what does not grow five leave 0 out, and one of
+    them called wear would be a false alarm on every hand (Bonferroni's bound).
     """
     weighted = [s for s in samples if s.ci95 is not None]
     known = len(weighted) >= 2
@@ -119,19 +123,19 @@ def fit_trend(samples: Sequence[Sample]) -> Trend:
     series = _Series(used, known)
     jumps = series.jumps()
     answers, weights = series.answers(jumps)
-    return series.told(jumps, answers, weights)
+    return series.told(jumps, answers, weights, 1.0 - _FALSE / max(among, 1))
 
 
-def _half(off: np.ndarray, sigmas: np.ndarray, weights: np.ndarray) -> float:
-    """Half of the interval about the mean that holds 95 % of a mixture of normal distributions (a,)."""
-    low, high = 0.0, float((np.abs(off) + 4.0 * sigmas).max())
+def _half(off: np.ndarray, sigmas: np.ndarray, weights: np.ndarray, held: float = 0.95) -> float:
+    """Half of the interval about the mean that holds this share of a mixture of normal distributions (a,)."""
+    low, high = 0.0, float((np.abs(off) + 8.0 * sigmas).max())
     if high == 0.0:
         return 0.0
     spread = np.maximum(sigmas, 1e-12 * high)
     for _ in range(40):
         middle = 0.5 * (low + high)
         inside = weights @ (ndtr((middle - off) / spread) - ndtr((-middle - off) / spread))
-        low, high = (middle, high) if inside < 0.95 else (low, middle)
+        low, high = (middle, high) if inside < held else (low, middle)
     return high
 
 
@@ -275,15 +279,16 @@ class _Series:
 
     # -- in words ------------------------------------------------------------------------------------------
 
-    def told(self, jumps: Sequence[int], answers: Sequence[_Answer], weights: np.ndarray) -> Trend:
-        """Means and 95 % intervals of the mixture of all answers."""
+    def told(self, jumps: Sequence[int], answers: Sequence[_Answer], weights: np.ndarray, sure: float) -> Trend:
+        """Means and 95 % intervals of the mixture of all answers; a trend is one that the `sure` interval has, too."""
         n, k = len(self.days), len(jumps)
         means = np.array([one.mean for one in answers])
         sigmas = np.sqrt(np.maximum([np.diag(one.covariance) for one in answers], 0.0))
         mean = weights @ means
         half = np.array([_half(means[:, i] - mean[i], sigmas[:, i], weights) for i in range(len(mean))])
         slope, ends = float(mean[n]), (float(mean[n] - half[n]), float(mean[n] + half[n]))
-        verdict: Verdict = "no_trend" if ends[0] <= 0.0 <= ends[1] else "rising" if slope > 0.0 else "falling"
+        certain = abs(slope) > _half(means[:, n] - slope, sigmas[:, n], weights, sure)
+        verdict: Verdict = ("rising" if slope > 0.0 else "falling") if certain else "no_trend"
         rng = np.random.default_rng(0)
         end = np.ix_([n - 1, n], [n - 1, n])
         drawn = np.concatenate(
