@@ -2,11 +2,13 @@
 
     python -m bench.proposals --half development --folder build/proposals
     python -m bench.proposals --half test --folder build/proposals-test --page docs/proposals-measured.md
+    python -m bench.proposals --library --folder build/proposals-library
 
-Each case is the small arm of `foreign_laws` with one law at its elbow; its verdict is given as `unexplained`, so that
-the search alone is measured. Cases that are sound are measured as well: what is proposed for them is false. The gain is
-held out on motion that is half again as fast. The seeds of the test half are never used to tune. A run that was
-interrupted goes on where it stopped.
+Each case is the small arm of `foreign_laws` with one law at its elbow; with `--library` the law is an effect that the
+library knows (`library_laws`). The verdict is given as `unexplained`, so that the search alone is measured: it never
+looks into the library. Cases that are sound are measured as well: what is proposed for them is false. The gain is held
+out on motion that is half again as fast. The seeds of the test half are never used to tune. A run that was interrupted
+goes on where it stopped.
 """
 
 from __future__ import annotations
@@ -18,7 +20,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from bench.foreign_laws import LAWS, arm_model, record
+from bench.foreign_laws import LAWS, NOISE_RAD, arm_model, record
+from bench.library_laws import ANSWERS, library_model, record_pair
 from bench.machine import in_words, provenance
 
 _SEEDS = {"development": (2, 4, 6), "test": (1, 3, 5)}
@@ -31,7 +34,8 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--half", choices=list(_SEEDS), default="development")
     options.add_argument("--folder", type=Path, default=Path("build/proposals"))
-    options.add_argument("--laws", nargs="*", choices=list(LAWS), default=list(LAWS))
+    options.add_argument("--library", action="store_true", help="the library's effects, taken out in turn")
+    options.add_argument("--laws", nargs="*", choices=[*LAWS, *ANSWERS])
     options.add_argument("--seeds", type=int, default=1, help="seeds a law, at most three")
     options.add_argument("--seconds", type=float, default=_TRAIN_S)
     options.add_argument("--page", type=Path)
@@ -39,7 +43,7 @@ def main() -> None:
     arguments.folder.mkdir(parents=True, exist_ok=True)
     os.environ["TWIN_STATE_DIR"] = str((arguments.folder / "state").resolve())
     rows = []
-    for key in arguments.laws:
+    for key in arguments.laws or (ANSWERS if arguments.library else LAWS):
         first = _SEEDS[arguments.half]
         seeds = first[: arguments.seeds] if key != "sound" else range(first[0], first[0] + 2 * _SOUND, 2)
         for seed in seeds:
@@ -67,12 +71,17 @@ def _case(key: str, seed: int, folder: Path, seconds: float) -> dict[str, Any]:
     from twin_daemon.workflows.session import silence_mujoco
 
     silence_mujoco()
-    twin = TwinModel.load(load_hand(model=arm_model(folder)))
-    law, bags = LAWS[key], [folder / f"{key}_{seed}_{what}.mcap" for what in ("fit", "held")]
+    bags = (folder / f"{key}_{seed}_fit.mcap", folder / f"{key}_{seed}_held.mcap")
     for path in bags:
         path.unlink(missing_ok=True)  # of a run that was interrupted
-    record(law, bags[0], seconds=seconds, seed=seed)
-    record(law, bags[1], seconds=_HELD_S, seed=100 + seed, fastest=1.5)
+    if key in ANSWERS:
+        model, answers = library_model(folder), ANSWERS[key]
+        record_pair(key, bags, seconds=(seconds, _HELD_S), seed=seed)
+    else:
+        model, answers = arm_model(folder), LAWS[key].answers
+        record(LAWS[key], bags[0], seconds=seconds, seed=seed)
+        record(LAWS[key], bags[1], seconds=_HELD_S, seed=100 + seed, fastest=1.5)
+    twin = TwinModel.load(load_hand(model=model))
     train, held = ([align(twin, load_recording(path))] for path in bags)
     began, processor = time.perf_counter(), time.process_time()
     verdict = Diagnosis.without_findings("unexplained", "given")
@@ -80,7 +89,7 @@ def _case(key: str, seed: int, folder: Path, seconds: float) -> dict[str, Any]:
     proposal = found.proposals[0] if found.proposals else None
     said = [proposal.port, list(proposal.variables)] if proposal else None
     right = proposal is not None and any(
-        proposal.port == port and variable in proposal.variables for port, variable in law.answers
+        proposal.port == port and variable in proposal.variables for port, variable in answers
     )
     return {
         "law": key,
@@ -90,12 +99,21 @@ def _case(key: str, seed: int, folder: Path, seconds: float) -> dict[str, Any]:
         "formula": proposal.formula if proposal else found.reason,
         "holdout_gain": proposal.holdout_gain if proposal else None,
         "holdout_gain_ci95": proposal.holdout_gain_ci95 if proposal else None,
+        "of_true_law": _of_true_law(proposal),
         "probability": proposal.probability if proposal else None,
         "native_gain": proposal.native.holdout_gain if proposal else None,
         "tried": [row.model_dump() for row in found.tried[:6]],
         "wall_s": time.perf_counter() - began,
         "processor_s": time.process_time() - processor,
     }
+
+
+def _of_true_law(proposal: Any) -> float | None:
+    """The share of what the true law takes away of the held-out error: it would leave the sensors' noise."""
+    if proposal is None:
+        return None
+    most = 1.0 - NOISE_RAD**2 / proposal.holdout_mse_before
+    return proposal.holdout_gain / most
 
 
 def _line(row: dict[str, Any]) -> str:
@@ -108,7 +126,7 @@ def _page(rows: list[dict[str, Any]], half: str) -> str:
     laws = [row for row in rows if row["law"] != "sound"]
     sound = [row for row in rows if row["law"] == "sound"]
     right = sum(row["right"] for row in laws)
-    good = sum((row["holdout_gain"] or 0.0) >= 0.8 for row in laws)
+    good = sum((row["of_true_law"] or 0.0) >= 0.8 for row in laws)
     seconds = sorted(row["processor_s"] for row in laws)
     lines = [
         "# Laws that nobody wrote: measured",
@@ -118,7 +136,7 @@ def _page(rows: list[dict[str, Any]], half: str) -> str:
         "The verdict `unexplained` is given; the search alone is measured.",
         "",
         f"- right port and variables: {right} of {len(laws)}",
-        f"- held-out gain of 80 % or more: {good} of {len(laws)}",
+        f"- held-out gain of 80 % or more of what the true law takes away: {good} of {len(laws)}",
         f"- proposals for sound arms: {sum(row['said'] is not None for row in sound)} of {len(sound)}",
     ]
     if seconds:

@@ -15,10 +15,10 @@ from twin_daemon.cli.app import main
 from twin_daemon.diagnosis.verdict import Diagnosis
 from twin_daemon.effects.from_files import EffectFile, effect_of
 from twin_daemon.estimation.nuisances import nuisance_variables
-from twin_daemon.proposals.features import Feature, features
+from twin_daemon.proposals.features import OF_NEIGHBOURS, Feature, features
 from twin_daemon.proposals.law_problem import LawProblem
 from twin_daemon.proposals.propose import propose
-from twin_daemon.proposals.track import track
+from twin_daemon.proposals.track import Track, track
 from twin_daemon.simulation.twin import TwinModel
 
 Recorded = Callable[[str, float, float], list[list[Any]]]
@@ -116,8 +116,8 @@ def test_a_servo_that_fades_is_proposed_as_its_gain_over_time(twin: TwinModel, r
 @pytest.mark.parametrize("port", ["torque", "command", "reading"])
 def test_every_law_that_is_looked_for_can_be_written(port: str) -> None:
     motion = np.linspace(-1.0, 1.0, 500)
-    heat = motion + 1.0
-    for feature in features(8.0, motion, motion, motion, motion, 20.0, heat, {"next_1": motion}):
+    seen = dict.fromkeys(Track.VARIABLES, motion) | {"heat": motion + 1.0, "time": 20.0 * motion + 20.0}
+    for feature in features(8.0, seen, {("next_1", over): motion for over in OF_NEIGHBOURS}):
         if feature.port == port:
             content = {"name": "my_law", "title": "a law", "port": port, "visited": (0.0, 1.0), "unit": feature.unit}
             own = {"over": feature.over, "factor": feature.factor, "memory": feature.memory}

@@ -3,22 +3,29 @@
 A law is a sum over a basis. Over one variable the basis are hats, so that its coefficients are the curve itself at its
 knots; a memory is a row of elements with different lengths (widths of play, times of relaxation), and its
 coefficients say how strong each is. A curve may be multiplied by the joint's direction or by the servo's error.
+
+Over the speed with the direction it is a law of dry friction: its level at each speed, either way, which holds a joint
+that stands as a friction does; a torque that depends on the speed alone lets it creep.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from twin_daemon.proposals.thresholds import (
+    ACCELERATION_KNOTS,
     COMMAND_KNOTS,
     FEW_POSITIONS,
     HEAT_KNOTS,
+    LAGS_S,
     LARGEST_FACTOR,
     LARGEST_RAD,
     LARGEST_RELAXING,
+    LOAD_KNOTS,
     NEIGHBOUR_KNOTS,
     PLAY_RAD,
     POSITION_KNOTS,
@@ -28,15 +35,18 @@ from twin_daemon.proposals.thresholds import (
 
 Port = Literal["torque", "command", "reading"]
 Factor = Literal["", "direction", "error"]
-Memory = Literal["", "play", "relaxation", "creep"]
+Memory = Literal["", "play", "relaxation", "creep", "lag"]
+
+OF_NEIGHBOURS = ("neighbour", "neighbour_velocity")
 
 
 @dataclass(frozen=True)
 class Feature:
     """One port and what a law there depends on.
 
-    `over` is the variable of the curve: position (rad), velocity (rad/s), time (s), heat (1), command (rad), error
-    (rad), or neighbour (rad) of the joint `neighbour`. `knots` (k,) are in its unit; with a `memory` they are the
+    `over` is the variable of the curve: position (rad), velocity (rad/s), acceleration (rad/s2), load (N m, the size of
+    what the servo gives), time (s), heat (1), command (rad) and its rate, error (rad), or the angle (rad) or the
+    velocity (rad/s) of the joint `neighbour`. `knots` (k,) are in its unit; with a `memory` they are the
     lengths of its elements, in rad or s. `unit` is that of the coefficients, `most` the largest that is looked for.
     """
 
@@ -52,7 +62,9 @@ class Feature:
     @property
     def variables(self) -> tuple[str, ...]:
         """What the law depends on, in the words of the report."""
-        own = self.neighbour or self.over
+        own = self.over
+        if own in OF_NEIGHBOURS:
+            own = self.neighbour if own == "neighbour" else f"{self.neighbour} velocity"
         return (own, self.factor) if self.factor else (own,)
 
     @property
@@ -71,33 +83,33 @@ class Feature:
 
 
 def features(
-    kp: float,
-    position: np.ndarray,
-    velocity: np.ndarray,
-    error: np.ndarray,
-    command: np.ndarray,
-    seconds: float,
-    heat: np.ndarray,
-    neighbours: dict[str, np.ndarray],
+    kp: float, seen: Mapping[str, np.ndarray], neighbours: Mapping[tuple[str, str], np.ndarray]
 ) -> list[Feature]:
     """Every port and variable that these data can say something about.
 
-    `position`, `velocity`, `error`, `command`, `heat` (n,) are as measured along the motion, each neighbour's angles as
-    well; `kp` in N m/rad is the servo's stiffness. Knots cover what was visited, nothing beyond it.
+    `seen` has what was measured along the motion, each (n,): position, velocity, acceleration, error, command, heat and
+    time; `neighbours` each one's angle and velocity, by its name and which of OF_NEIGHBOURS. `kp` in N m/rad is the
+    servo's stiffness. Knots cover what was visited, nothing beyond it.
     """
     at = {
-        "position": _even(position, POSITION_KNOTS),
-        "few_positions": _even(position, FEW_POSITIONS),
-        "velocity": _by_size(velocity),
-        "time": tuple(np.linspace(0.0, seconds, TIME_KNOTS)),
-        "heat": _even(heat, HEAT_KNOTS),
-        "command": _even(command, COMMAND_KNOTS),
-        "error": _by_size(error),
+        "position": _even(seen["position"], POSITION_KNOTS),
+        "few_positions": _even(seen["position"], FEW_POSITIONS),
+        "velocity": _by_size(seen["velocity"], _BENDS),
+        "friction": _by_size(seen["velocity"], _FRICTION_BENDS),
+        "acceleration": _even(seen["acceleration"], ACCELERATION_KNOTS),
+        "load": tuple(np.linspace(0.0, np.percentile(kp * np.abs(seen["error"]), 99.5), LOAD_KNOTS)),
+        "time": tuple(np.linspace(0.0, float(seen["time"].max()), TIME_KNOTS)),
+        "heat": _even(seen["heat"], HEAT_KNOTS),
+        "command": _even(seen["command"], COMMAND_KNOTS),
+        "error": _by_size(seen["error"], _BENDS),
     }
     strong, far, factor = LARGEST_RAD * kp, LARGEST_RAD, LARGEST_FACTOR
     found = [
         Feature("torque", "position", at["position"], "N m", strong),
         Feature("torque", "velocity", at["velocity"], "N m", strong),
+        Feature("torque", "velocity", at["friction"], "N m", strong, factor="direction"),
+        Feature("torque", "load", at["load"], "N m", strong, factor="direction"),
+        Feature("torque", "acceleration", at["acceleration"], "N m", strong),
         Feature("torque", "time", at["time"], "N m", strong),
         Feature("torque", "position", at["few_positions"], "N m", strong, factor="direction"),
         Feature("torque", "velocity", PLAY_RAD, "N m", strong, memory="play"),
@@ -107,18 +119,28 @@ def features(
         Feature("command", "heat", at["heat"], "1", factor, factor="error"),
         Feature("command", "position", at["few_positions"], "1", factor, factor="error"),
         Feature("command", "command", at["command"], "rad", far),
+        Feature("command", "command_rate", LAGS_S, "1", factor, memory="lag"),
         Feature("command", "error", TIMES_S, "1", factor, memory="creep"),
         Feature("reading", "position", at["position"], "rad", far),
         Feature("reading", "time", at["time"], "rad", far),
     ]
-    for name, angle in neighbours.items():
-        knots = _even(angle, NEIGHBOUR_KNOTS)
+    for (name, over), series in neighbours.items():
+        if over == "neighbour_velocity":
+            found.append(Feature("torque", over, _by_size(series, _FEW_BENDS), "N m", strong, neighbour=name))
+            continue
+        knots = _even(series, NEIGHBOUR_KNOTS)
         found += [
-            Feature("reading", "neighbour", knots, "rad", far, neighbour=name),
-            Feature("torque", "neighbour", knots, "N m", strong, neighbour=name),
-            Feature("torque", "neighbour", knots, "N m", strong, factor="direction", neighbour=name),
+            Feature("reading", over, knots, "rad", far, neighbour=name),
+            Feature("torque", over, knots, "N m", strong, neighbour=name),
+            Feature("torque", over, knots, "N m", strong, factor="direction", neighbour=name),
         ]
     return [one for one in found if one.memory or one.knots[-1] - one.knots[0] > 1e-6]
+
+
+_BENDS = (0.02, 0.07, 0.2, 0.5, 1.0)
+_FRICTION_BENDS = (0.004, 0.02, 0.07, 0.25, 1.0)
+_FEW_BENDS = (0.05, 0.3, 1.0)
+"""Where a curve may bend, as shares of the largest value on either side; a level of friction bends nearest to rest."""
 
 
 def _even(values: np.ndarray, count: int) -> tuple[float, ...]:
@@ -126,11 +148,11 @@ def _even(values: np.ndarray, count: int) -> tuple[float, ...]:
     return tuple(np.linspace(low, high, count))
 
 
-def _by_size(values: np.ndarray) -> tuple[float, ...]:
+def _by_size(values: np.ndarray, bends: Sequence[float]) -> tuple[float, ...]:
     """Knots that are dense about 0, where laws of speeds and errors bend, and reach the largest of either sign.
 
     The few samples of a step are its fastest: a drag that were flat there would be made up for by damping.
     """
     far = float(np.abs(values).max(initial=0.0)) or 1.0
-    half = [far * share for share in (0.02, 0.07, 0.2, 0.5, 1.0)]
+    half = [far * share for share in bends]
     return (*(-x for x in reversed(half)), 0.0, *half)

@@ -102,6 +102,19 @@ def _rubbing(p: np.ndarray, x: np.ndarray) -> np.ndarray:
     return _levels(p, x) + p[2] * x
 
 
+def _stribeck(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+    return p[0] * np.exp(-((x / _away_from_zero(p[1])) ** 2)) + p[2]
+
+
+def _dry(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+    return p[0] + p[1] * np.abs(x)
+
+
+def _two_levels(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+    # straight through rest over a thousandth of the range: at rest the direction says how much of it is left
+    return np.interp(x, [-1e-3 * float(np.abs(x).max()), 1e-3 * float(np.abs(x).max())], [p[1], p[0]])
+
+
 def _dead_zone(p: np.ndarray, x: np.ndarray) -> np.ndarray:
     return -np.clip(x, -abs(p[0]), abs(p[0]))
 
@@ -162,6 +175,15 @@ _FAMILIES = {
                     lambda x, y: [[0.1, -0.1], [-0.1, 0.1]]),
     "levels": Family("levels", "{forward} forwards, {backward} backwards", ("forward", "backward"), _levels,
                      lambda x, y: [[float(y[x > 0].mean()), float(y[x < 0].mean())]]),
+    "dry": Family("dry", "{level} + {slope} |{x}|, against the motion", ("level", "slope"), _dry,
+                  lambda x, y: [list(np.polyfit(np.abs(x), y, 1)[::-1])]),
+    "two_levels": Family("two_levels", "{forward} forwards, {backward} backwards, against the motion",
+                         ("forward", "backward"), _two_levels,
+                         lambda x, y: [[float(y[x > 0].mean()), float(y[x < 0].mean())]]),
+    "stribeck": Family("stribeck", "{breakaway} exp(-({x}/{velocity})^2) + {level}, against the motion",
+                       ("breakaway", "velocity", "level"), _stribeck,
+                       lambda x, y: [[float(np.ptp(y)), share * float(x[-1]), float(y[-1])]
+                                     for share in (0.02, 0.07, 0.25)]),
     "dead_zone": Family("dead_zone", "-{x} up to {half}, constant beyond: a dead zone", ("half",), _dead_zone,
                         lambda x, y: [[0.1 * float(x[-1])], [0.3 * float(x[-1])]]),
     "silent": Family("silent", "-{x} up to {half}, nothing beyond: no torque for small errors", ("half",), _silent,
@@ -176,9 +198,13 @@ _OVER = {
     "command": ("line", "sine", "bump", "notch"),
     "time": ("line", "settling"),
     "heat": ("line", "settling"),
+    "neighbour_velocity": ("line", "power", "drag", "levels"),
+    "acceleration": ("line",),
+    "load": ("line",),
     "velocity": ("power", "drag", "sides", "levels", "rubbing"),
     "error": ("power", "sides", "dead_zone", "silent", "saturating"),
 }
+_FRICTION = ("dry", "two_levels", "stribeck")
 
 
 def formulas(feature: Feature, coefficients: np.ndarray, sigmas: np.ndarray) -> list[Formula]:
@@ -188,7 +214,7 @@ def formulas(feature: Feature, coefficients: np.ndarray, sigmas: np.ndarray) -> 
     x = np.array(feature.knots)
     noise = np.hypot(np.minimum(sigmas, np.abs(coefficients).max() + 1e-12), CURVE_BLUR * np.ptp(coefficients) + 1e-12)
     found: list[tuple[float, Formula]] = []
-    for key in _OVER[feature.over]:
+    for key in _FRICTION if (feature.over, feature.factor) == ("velocity", "direction") else _OVER[feature.over]:
         family = _FAMILIES[key]
         if len(family.names) >= len(x):
             continue
@@ -210,14 +236,16 @@ def _within(key: str, values: np.ndarray, x: np.ndarray) -> bool:
         return abs(values[1]) > np.pi / span
     if key in ("bump", "notch"):
         return x[0] <= values[1] <= x[-1] and abs(values[2]) < span
+    if key == "stribeck":
+        return abs(values[1]) < span
     return key != "settling" or 0.0 < values[1] < 3.0 * span
 
 
 def dense(feature: Feature) -> tuple[float, ...]:
     """Knots that are close enough for any formula of a feature's variable."""
     low, high = feature.knots[0], feature.knots[-1]
-    if feature.over in ("velocity", "error"):
+    if feature.over in ("velocity", "neighbour_velocity", "error"):
         half = FASTER * high * np.geomspace(0.002, 1.0, DENSE_KNOTS // 2)
         return (*(-half[::-1]), 0.0, *half)
-    margin = 0.0 if feature.over in ("time", "heat") else BEYOND * (high - low)
+    margin = 0.0 if feature.over in ("time", "heat", "load") else BEYOND * (high - low)
     return tuple(np.linspace(low - margin, high + margin, DENSE_KNOTS))

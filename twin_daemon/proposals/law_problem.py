@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
+from scipy.signal import lfilter
 
 from twin_daemon.estimation.posterior import Posterior
 from twin_daemon.estimation.problem import Candidate
 from twin_daemon.estimation.thresholds import PAST_S
 from twin_daemon.estimation.variables import ParameterVariable, Variable
-from twin_daemon.proposals.features import Feature
-from twin_daemon.proposals.thresholds import REVERSAL_RAD, RIDGE, STRONGEST_RAD
+from twin_daemon.proposals.features import OF_NEIGHBOURS, Feature
+from twin_daemon.proposals.thresholds import REVERSAL_RAD, RIDGE, SETTLING_S, STRONGEST_RAD
 from twin_daemon.proposals.track import Track
 from twin_daemon.simulation.alignment import Aligned, resample
 from twin_daemon.simulation.feedback import roll_out_with_feedback
@@ -129,8 +130,11 @@ class LawProblem(Posterior):
         track, at = self._track_of[index], self._begin[index] + time_s
         if self.feature.over == "time":
             return at
-        series = {"heat": track.heat, "neighbour": track.neighbours.get(self.feature.neighbour)}.get(self.feature.over)
-        return np.zeros_like(time_s) if series is None else np.interp(at, track.time_s, series)
+        if self.feature.over == "heat":
+            return np.interp(at, track.time_s, track.heat)
+        if self.feature.over not in OF_NEIGHBOURS:
+            return np.zeros_like(time_s)
+        return np.interp(at, track.time_s, track.of_neighbour(self.feature.neighbour, self.feature.over))
 
     def _rolled(self, points: np.ndarray, candidates: Sequence[Candidate], laws: np.ndarray) -> list[np.ndarray]:
         twin, step_s = self.twin, float(self.twin.model.opt.timestep)
@@ -196,9 +200,7 @@ class LawProblem(Posterior):
         if index not in self._remembered:
             track, begin = self._track_of[index], self._begin[index]
             before = track.time_s <= max(begin, 0.0)
-            self._remembered[index] = remembered(
-                self.feature, track.position[before], track.error[before], float(self.twin.model.opt.timestep)
-            )
+            self._remembered[index] = remembered(self.feature, track, before, float(self.twin.model.opt.timestep))
         return self._remembered[index]
 
     @cached_property
@@ -228,25 +230,31 @@ class LawProblem(Posterior):
         return np.concatenate([weak, self.smoothness * scale * np.diff(np.eye(count), n=2, axis=0)])
 
 
-def remembered(feature: Feature, position: np.ndarray, error: np.ndarray, step_s: float) -> np.ndarray:
-    """(m,) the state of a law's memory after a motion (n,): each element's, or the direction's alone."""
+def remembered(feature: Feature, track: Track, before: np.ndarray, step_s: float) -> np.ndarray:
+    """(m,) the state of a law's memory after the part `before` (n,) of a track: each element's, or the direction's."""
     if feature.memory in ("play", ""):
-        widths = np.array(feature.knots) if feature.memory else np.array([REVERSAL_RAD])
+        if feature.over == "acceleration":
+            return track.acceleration[before][-1:]
         if not feature.memory and feature.factor != "direction":
             return np.zeros(0)
+        widths = np.array(feature.knots) if feature.memory else np.array([REVERSAL_RAD])
         state = np.zeros(len(widths))
-        for moved in np.diff(position):
+        for moved in np.diff(track.position[before]):
             state = np.clip(state + moved / widths, -1.0, 1.0)
         return state
     keep = np.exp(-step_s / np.array(feature.knots))
-    state = np.zeros(len(keep))
     if feature.memory == "relaxation":
-        for moved in np.diff(position):
-            state = keep * state + moved
-    else:
-        for now in error:
-            state = keep * state + (1.0 - keep) * now
-    return state
+        # each movement enters whole
+        return _filtered(np.diff(track.position[before], prepend=track.position[0]), keep, np.ones_like(keep), 0.0)
+    if feature.memory == "lag":
+        return _filtered(track.command[before], keep, 1.0 - keep, float(track.command[0]))
+    return _filtered(track.error[before], keep, 1.0 - keep, 0.0)
+
+
+def _filtered(series: np.ndarray, keep: np.ndarray, enters: np.ndarray, start: float) -> np.ndarray:
+    """(m,) the last of state = keep state + enters x over a series (n,), from `start`."""
+    last = [lfilter([e], [1.0, -k], series, zi=[k * start])[0][-1] for k, e in zip(keep, enters, strict=True)]
+    return np.array(last)
 
 
 class _Feedback:
@@ -276,15 +284,20 @@ class _Feedback:
         self._exogenous = np.stack([problem._exogenous(index, grid) for index in pieces])
         self._last: np.ndarray | None = None
         self._lengths = np.array(self._feature.knots)
+        if self._feature.memory:
+            self._keep = np.exp(-self._step_s / self._lengths)
+        self._settles = 1.0 - float(np.exp(-self._step_s / SETTLING_S))
 
     def torque(self, step: int, qpos: np.ndarray, qvel: np.ndarray, ctrl: np.ndarray) -> np.ndarray:
         """(a, nv) N m of the simulations that still run."""
         active, feature = len(qpos), self._feature
         angle = qpos[:, self._qpos]
         error = ctrl[:, self._actuator] - qpos[:, self._qpos_driven] @ self._drive
-        self._remember(active, angle, error)
+        self._remember(active, angle, error, qvel[:, self._dof], ctrl[:, self._actuator])
         laws = self._laws[:active]
-        if feature.memory:
+        if feature.memory == "lag":
+            value = (laws * (self._state[:active] - ctrl[:, [self._actuator]])).sum(axis=1)
+        elif feature.memory:
             value = (laws * self._state[:active]).sum(axis=1)
         else:
             value = feature.curve(laws, self._over(step, active, angle, qvel, error, ctrl))
@@ -311,22 +324,33 @@ class _Feedback:
             return angle
         if over == "velocity":
             return qvel[:, self._dof]
+        if over == "acceleration":
+            return self._state[:active, 0]
+        if over == "load":
+            return self._kp[:active] * np.abs(error)
         if over == "error":
             return error
         if over == "command":
             return ctrl[:, self._actuator]
         return self._exogenous[self._piece_of[:active], step]
 
-    def _remember(self, active: int, angle: np.ndarray, error: np.ndarray) -> None:
+    def _remember(
+        self, active: int, angle: np.ndarray, error: np.ndarray, speed: np.ndarray, command: np.ndarray
+    ) -> None:
         feature, state = self._feature, self._state
+        if feature.over == "acceleration":
+            rate = np.zeros(active) if self._last is None else (speed - self._last[:active]) / self._step_s
+            self._last = speed.copy()
+            state[:active, 0] += self._settles * (rate - state[:active, 0])
+            return
         moved = np.zeros(active) if self._last is None else angle - self._last[:active]
         self._last = angle.copy()
         if feature.memory == "play":
             state[:active] = np.clip(state[:active] + moved[:, None] / self._lengths, -1.0, 1.0)
         elif feature.memory == "relaxation":
-            state[:active] = np.exp(-self._step_s / self._lengths) * state[:active] + moved[:, None]
-        elif feature.memory == "creep":
-            keep = np.exp(-self._step_s / self._lengths)
-            state[:active] = keep * state[:active] + (1.0 - keep) * error[:, None]
+            state[:active] = self._keep * state[:active] + moved[:, None]
+        elif feature.memory in ("creep", "lag"):
+            follows = (error if feature.memory == "creep" else command)[:, None]
+            state[:active] = self._keep * state[:active] + (1.0 - self._keep) * follows
         elif feature.factor == "direction":
             state[:active, 0] = np.clip(state[:active, 0] + moved / REVERSAL_RAD, -1.0, 1.0)

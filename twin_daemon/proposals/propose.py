@@ -35,7 +35,14 @@ from twin_daemon.simulation.submodel import drive_groups
 from twin_daemon.simulation.terms import EffectTerm
 from twin_daemon.simulation.twin import TwinModel
 
-_X_UNITS = {"velocity": "rad/s", "time": "s", "heat": "1"}
+_X_UNITS = {
+    "velocity": "rad/s",
+    "neighbour_velocity": "rad/s",
+    "acceleration": "rad/s2",
+    "load": "N m",
+    "time": "s",
+    "heat": "1",
+}
 
 
 def propose(
@@ -180,7 +187,9 @@ def _proposal(search: JointSearch, law: RefittedLaw, laws: Sequence[FittedLaw], 
     file = _file(search, law, probability)
     path = save_effect_file(file)
     reload_files()
-    at_unit = {"play": "rad", "relaxation": "s", "creep": "s"}.get(feature.memory, _X_UNITS.get(feature.over, "rad"))
+    at_unit = {"play": "rad", "relaxation": "s", "creep": "s", "lag": "s"}.get(
+        feature.memory, _X_UNITS.get(feature.over, "rad")
+    )
     band = Z95 * law.sigmas
     costs = native_form.cost(file)
     curve = Curve(
@@ -283,11 +292,16 @@ def _native_gain(search: JointSearch, file: EffectFile) -> float | None:
 
 def _experiment(over: str, memory: str, visited: tuple[float, float]) -> str:
     low, high = visited
+    if memory == "lag":
+        return "steps and ramps of the command at several speeds, with the command's own stamps recorded"
     if memory:
         return "steps to several sizes, each held for a minute and then taken back, and small reversals between"
     return {
         "position": f"slow sweeps both ways over {low:.2f} to {high:.2f} rad and beyond, at two speeds",
         "velocity": "the same travel at five speeds from creeping to fastest, both ways",
+        "acceleration": "the same travel by steps and by slow ramps",
+        "load": "the same travel against a weight and without it, both ways",
+        "neighbour_velocity": "the neighbour at three speeds while this joint holds, then this joint alone",
         "time": "the same motion from cold, and again after a rest: does it begin anew?",
         "heat": "hard work for a minute, then rest, with the same slow test motion before and after",
         "command": "targets all over the range, approached from both sides",

@@ -45,6 +45,10 @@ class RefittedLaw:
 SYMBOLS = {
     "position": "q",
     "velocity": "v",
+    "acceleration": "a",
+    "load": "|u|",
+    "command_rate": "c'",
+    "neighbour_velocity": "v_n",
     "time": "t",
     "heat": "h",
     "command": "c",

@@ -17,7 +17,7 @@ from twin_daemon.estimation.variables import OnsetVariable
 from twin_daemon.estimation.windows import spread
 from twin_daemon.executor import TimeLimit, concurrently
 from twin_daemon.proposals.descent import Linear, Reached, columns, cross_validated, folds, gauss_newton
-from twin_daemon.proposals.features import Feature, features
+from twin_daemon.proposals.features import OF_NEIGHBOURS, Feature, features
 from twin_daemon.proposals.law_problem import LawProblem
 from twin_daemon.proposals.thresholds import (
     LAW_STEP,
@@ -33,7 +33,7 @@ from twin_daemon.proposals.thresholds import (
     SMOOTHNESS,
     STEP_LENGTHS,
 )
-from twin_daemon.proposals.track import track
+from twin_daemon.proposals.track import Track, track
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.submodel import Part
 from twin_daemon.simulation.twin import TwinModel
@@ -163,13 +163,13 @@ class JointSearch:
         """Every port and variable by one linear step each, the best first."""
         assert self.reduced is not None
         kp = float(self.reduced.twin.model.actuator_gainprm[self.actuator, 0])
-        seen = self.tracks[: len(self.train)]
-        together = {
-            name: np.concatenate([getattr(t, name) for t in seen])
-            for name in ("position", "velocity", "error", "command", "heat")
+        tracks = self.tracks[: len(self.train)]
+        seen = {name: np.concatenate([t.of(name) for t in tracks]) for name in Track.VARIABLES}
+        neighbours = {
+            (name, over): np.concatenate([t.of_neighbour(name, over) for t in tracks])
+            for name in tracks[0].neighbours
+            for over in OF_NEIGHBOURS
         }
-        neighbours = {n: np.concatenate([t.neighbours[n] for t in seen]) for n in seen[0].neighbours}
-        seconds = max(float(t.time_s[-1]) for t in seen)
         own = len(self.variables)
         temper = np.sqrt(max(1.0, self.alone.cost / self.base.effective_samples))
         nuisance_slopes = self.alone.slopes
@@ -195,7 +195,7 @@ class JointSearch:
             self.say(f"{feature.name}: {best.share:.0%} of the error by one linear step")
             return self._stepped(best)
 
-        found = concurrently(tried, features(kp, seconds=seconds, neighbours=neighbours, **together))
+        found = concurrently(tried, features(kp, seen, neighbours))
         return sorted(found, key=lambda trial: -trial.promise)
 
     def _stepped(self, trial: Trial) -> Trial:

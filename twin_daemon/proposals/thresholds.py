@@ -15,6 +15,8 @@ SMOOTHED_S = Threshold(0.06, "s", "of measured angles in one window of the filte
 
 POSITION_KNOTS = Count(22, "knots", "of a curve over the angle, between the ends of what was visited")
 FEW_POSITIONS = Count(8, "knots", "of a curve over the angle that is multiplied by the direction or the servo's error")
+ACCELERATION_KNOTS = Count(5, "knots", "of a curve over the acceleration: inertia is a line")
+LOAD_KNOTS = Count(5, "knots", "of a curve over the size of the servo's torque")
 TIME_KNOTS = Count(6, "knots", "of a curve over time")
 HEAT_KNOTS = Count(5, "knots", "of a curve over the servo's heat")
 COMMAND_KNOTS = Count(14, "knots", "of a curve over the command")
@@ -25,6 +27,13 @@ PLAY_RAD = tuple(
 TIMES_S = tuple(
     Threshold(time, "s", "of the elements of a law that relaxes or creeps: up to as long as the motion is")
     for time in (0.1, 0.4, 1.5, 6.0, 20.0)
+)
+LAGS_S = tuple(
+    Threshold(time, "s", "of the elements of a command that arrives late: what has come through each low-pass of it")
+    for time in (0.01, 0.03, 0.1, 0.3)
+)
+SETTLING_S = Threshold(
+    0.01, "s", "of the low-pass on an acceleration: a torque that follows the acceleration at once has no roll-out"
 )
 HEATING_S = Threshold(8.0, "s", "time constant of a servo's heat: its squared error through a low-pass")
 REVERSAL_RAD = Threshold(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from scipy.signal import savgol_filter
@@ -16,18 +17,33 @@ from twin_daemon.simulation.twin import TwinModel
 
 @dataclass(frozen=True)
 class Track:
-    """One recording at times `time_s` (m,): the joint's angle and speed, the servo's target and error, its heat, and
-    its neighbours' angles, each (m,). `onset_s` is the recording's own, by which pieces of it know their place."""
+    """One recording at times `time_s` (m,), each of the others (m,) too.
+
+    The joint's angle, velocity and acceleration, the servo's target, error and heat, and the neighbours' angles.
+    `onset_s` is the recording's own, by which pieces of it know their place.
+    """
 
     sha256: str
     onset_s: float
     time_s: np.ndarray
     position: np.ndarray
     velocity: np.ndarray
+    acceleration: np.ndarray
     command: np.ndarray
     error: np.ndarray
     heat: np.ndarray
     neighbours: dict[str, np.ndarray]
+
+    VARIABLES: ClassVar = ("time", "position", "velocity", "acceleration", "command", "error", "heat")
+
+    def of(self, variable: str) -> np.ndarray:
+        """(m,) one of the joint's own variables."""
+        return self.time_s if variable == "time" else getattr(self, variable)
+
+    def of_neighbour(self, name: str, over: str) -> np.ndarray:
+        """(m,) the angle of a neighbour, or its velocity."""
+        angle = self.neighbours[name]
+        return np.gradient(angle, self.time_s) if over == "neighbour_velocity" else angle
 
     def begin_s(self, piece: Aligned) -> float:
         """When a piece of this recording begins."""
@@ -64,6 +80,8 @@ def track(small: TwinModel, whole: Aligned, joint: str, actuator: int, neighbour
         warm = keep * warm + (1.0 - keep) * now
         heat[index] = warm
     velocity = np.gradient(position, step_s)
+    read = np.interp(whole.time_s, grid, position)  # between samples it is straight, and has no second derivative
+    acceleration = np.interp(grid, whole.time_s, np.gradient(np.gradient(read, whole.time_s), whole.time_s))
     found = {name: smooth(name) for name in neighbours}
     sha = whole.recording.sha256
-    return Track(sha, whole.onset_s, grid, position, velocity, command, error, heat, found)
+    return Track(sha, whole.onset_s, grid, position, velocity, acceleration, command, error, heat, found)

@@ -1,8 +1,8 @@
 """How a law that was found becomes elements of an MJCF, and what that costs where MuJoCo has no element for it.
 
 A torque over the angle is a sum of sines, each a `dcmotor` without input whose cogging it is, as for `torque_ripple`. A
-torque over the speed is a damping polynomial with dry friction. Play is Dahl friction, one element a width. A change of
-the reading is no mechanics at all and stands in the measurement model.
+torque over the speed is a damping polynomial with dry friction, one over the acceleration is armature. Play is Dahl
+friction, one element a width. A change of the reading is no mechanics at all and stands in the measurement model.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from twin_daemon.effects.base import Place
 from twin_daemon.effects.edits import add_passive_motor, add_to_linear, linear, stable_stiffness
 from twin_daemon.effects.from_files.schema import EffectFile
 
-_NATIVE = ("position", "velocity")
+_NATIVE = ("position", "velocity", "acceleration")
 _SINES = 16
 _LEAST_SINE = 1e-3  # of the largest
 _FLOOR_NM = 1e-9
@@ -32,7 +32,9 @@ def cost(effect: EffectFile) -> str:
             f"the MJCF has {_SINES} sines of the angle: the curve within a few percent where it was visited, and its "
             "mirror image beyond"
         )  # fmt: skip
-    if own == ("torque", "velocity", "", ""):
+    if own == ("torque", "acceleration", "", ""):
+        return "" if "slope" in effect.formula_values else "the MJCF has armature: the mean slope of the curve"
+    if own[:2] == ("torque", "velocity") and not effect.memory:
         return "the MJCF has damping that grows with speed and dry friction: what differs between directions is lost"
     if effect.memory == "play":
         return "the MJCF has Dahl friction, whose corners are round; elements that push are lost"
@@ -46,7 +48,9 @@ def exists(effect: EffectFile) -> bool:
     if effect.port == "reading":
         return effect.over != "time"
     if effect.port == "torque":
-        return effect.memory == "play" or (not effect.memory and not effect.factor and effect.over in _NATIVE)
+        if effect.memory or effect.factor:
+            return effect.memory == "play" or effect.over == "velocity"
+        return effect.over in _NATIVE
     return not effect.memory and (effect.factor == "error" or effect.over == "error")
 
 
@@ -63,7 +67,9 @@ def write(spec: Any, place: Place, effect: EffectFile, strength: float) -> None:
     own = (effect.port, effect.over, effect.factor, effect.memory)
     if own == ("torque", "position", "", ""):
         _sines(spec, place, effect, strength)
-    elif own == ("torque", "velocity", "", ""):
+    elif own == ("torque", "acceleration", "", ""):
+        _armature(spec, place, effect, strength)
+    elif own[:2] == ("torque", "velocity") and not effect.memory:
         _damping(spec, place, effect, strength)
     elif effect.port == "torque" and effect.memory == "play":
         _dahl(spec, place, effect, strength)
@@ -100,6 +106,8 @@ def _series(effect: EffectFile) -> list[tuple[float, float, float]]:
 
 def _damping(spec: Any, place: Place, effect: EffectFile, strength: float) -> None:
     at, against = np.array(effect.knots), -np.array(effect.values)
+    if effect.factor == "direction":  # levels of friction, against the motion either way
+        against = -against * np.sign(at)
     basis = np.stack([at, at * np.abs(at), at**3, np.sign(at)], axis=1)
     far = max(float(np.abs(at).max()), 1e-9)
     scales = np.array([far, far**2, far**3, 1.0])
@@ -107,6 +115,14 @@ def _damping(spec: Any, place: Place, effect: EffectFile, strength: float) -> No
     joint = spec.joint(place.joint)
     joint.damping = np.array(joint.damping) + np.array([max(found[0], -linear(joint, "damping")), *found[1:3]])
     add_to_linear(joint, "frictionloss", max(float(found[3]), -linear(joint, "frictionloss")), place)
+
+
+def _armature(spec: Any, place: Place, effect: EffectFile, strength: float) -> None:
+    """A torque against the acceleration is inertia; the joint keeps a hundredth of its own at least."""
+    at, values = np.array(effect.knots), np.array(effect.values)
+    slope = float(np.polyfit(at, values, 1)[0])
+    joint = spec.joint(place.joint)
+    joint.armature = max(joint.armature - strength * slope, 0.01 * joint.armature)
 
 
 def _dahl(spec: Any, place: Place, effect: EffectFile, strength: float) -> None:

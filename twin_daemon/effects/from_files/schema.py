@@ -24,7 +24,10 @@ Finite = Annotated[float, AllowInfNan(False), Field(ge=-1e6, le=1e6)]
 Word = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_.\- ]{0,80}$")]
 Text = Annotated[str, StringConstraints(max_length=1000)]
 Key = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]{2,63}$")]
-Over = Literal["position", "velocity", "time", "heat", "command", "error", "neighbour"]
+Over = Literal[
+    "position", "velocity", "acceleration", "load", "time", "heat", "command", "command_rate", "error", "neighbour",
+    "neighbour_velocity",
+]  # fmt: skip
 
 
 class EffectFile(BaseModel):
@@ -43,7 +46,7 @@ class EffectFile(BaseModel):
     port: Literal["torque", "command", "reading"]
     over: Over
     factor: Literal["", "direction", "error"] = ""
-    memory: Literal["", "play", "relaxation", "creep"] = ""
+    memory: Literal["", "play", "relaxation", "creep", "lag"] = ""
     neighbour: Word = ""
     unit: Literal["N m", "N m/rad", "rad", "1"]
     knots: tuple[Finite, ...] = Field(min_length=2, max_length=MAX_KNOTS)
@@ -64,7 +67,7 @@ class EffectFile(BaseModel):
             raise ValueError("knots, values and sigmas must be equally many")
         if any(later <= earlier for earlier, later in zip(self.knots, self.knots[1:], strict=False)):
             raise ValueError("knots must increase")
-        if (self.over == "neighbour") != bool(self.neighbour):
+        if self.over.startswith("neighbour") != bool(self.neighbour):
             raise ValueError("a neighbour has a name, and nothing else has")
         if self.memory and self.knots[0] <= 0.0:
             raise ValueError("widths and times of a memory must be positive")
