@@ -187,9 +187,7 @@ def _proposal(search: JointSearch, law: RefittedLaw, laws: Sequence[FittedLaw], 
     file = _file(search, law, probability)
     path = save_effect_file(file)
     reload_files()
-    at_unit = {"play": "rad", "relaxation": "s", "creep": "s", "lag": "s"}.get(
-        feature.memory, _X_UNITS.get(feature.over, "rad")
-    )
+    at_unit = "rad" if feature.memory == "play" else "s" if feature.memory else _X_UNITS.get(feature.over, "rad")
     band = Z95 * law.sigmas
     costs = native_form.cost(file)
     curve = Curve(

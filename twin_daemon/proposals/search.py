@@ -13,7 +13,7 @@ from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.estimation.posterior import Posterior, floor_and_corrections
 from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
 from twin_daemon.estimation.uncertainty import block_gain, block_samples, sample_squares
-from twin_daemon.estimation.variables import OnsetVariable
+from twin_daemon.estimation.variables import OnsetVariable, Variable
 from twin_daemon.estimation.windows import spread
 from twin_daemon.executor import TimeLimit, concurrently
 from twin_daemon.proposals.descent import Linear, Reached, columns, cross_validated, folds, gauss_newton
@@ -25,6 +25,7 @@ from twin_daemon.proposals.thresholds import (
     MOST_HELD_S,
     MOST_NEIGHBOURS,
     MOST_TRAIN_S,
+    NUISANCE_REACH,
     NULL_DRAWS,
     PLAIN_SHARE,
     RACING,
@@ -119,7 +120,7 @@ class JointSearch:
         small = self.reduced.twin
         self.pieces = spread(self.reduced.train, MOST_TRAIN_S)
         self.held = spread(self.reduced.holdout, MOST_HELD_S)
-        self.variables = nuisance_variables(small, self.pieces, self.reduced.joints)
+        self.variables = tuple(_believable(v) for v in nuisance_variables(small, self.pieces, self.reduced.joints))
         self.floor, self.corrections = floor_and_corrections(small, self.pieces, self.variables, self.reduced.joints)
         self.held_corrections = floor_and_corrections(small, self.held, (), self.reduced.joints)[1]
         drives = np.abs(small.drive[:, small.joints.index(self.joint)])
@@ -319,6 +320,17 @@ class JointSearch:
             moved = np.concatenate([blocks[i] * random.choice((-1.0, 1.0)) for i in random.permutation(len(blocks))])
             as_well += cross_validated(trial.linear, own, moved) >= trial.share
         return (1 + as_well) / (1 + NULL_DRAWS)
+
+
+def _believable(variable: Variable) -> Variable:
+    """A nuisance within so many sigma of its prior: a friction of five times its value must not stand in for a law."""
+    prior = variable.prior
+    if prior is None:
+        return variable
+    low, high = prior.mean - NUISANCE_REACH * prior.sigma, prior.mean + NUISANCE_REACH * prior.sigma
+    if variable.log:
+        low, high = float(np.exp(low)), float(np.exp(high))
+    return replace(variable, lower=max(low, variable.lower), upper=min(high, variable.upper))
 
 
 def _freedom(problem: LawProblem, reached: Reached) -> float:

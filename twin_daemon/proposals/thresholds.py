@@ -48,7 +48,10 @@ STRONGEST_RAD = Threshold(
 
 # -- descents ------------------------------------------------------------------------------------------------
 
-NUISANCE_STEP = Threshold(5e-3, "1", "of a nuisance's range, for its derivative")
+NUISANCE_REACH = Threshold(
+    3.0, "sigma", "bounds of what is uncertain about a model: what lies further off is a change, and for a law to say"
+)
+NUISANCE_STEP = Threshold(0.02, "1", "of a nuisance's range, for its derivative: an eighth of its sigma")
 LAW_STEP = Threshold(4e-3, "1", "of a coefficient's range: 4 mrad of the servo's stiffness")
 DAMPINGS = tuple(
     Threshold(damping, "1", "of the curvature along each coordinate: of these steps the one that fits best counts")
