@@ -26,7 +26,7 @@ from bench.machine import in_words, provenance
 
 _SEEDS = {"development": (2, 4, 6), "test": (1, 3, 5)}
 _SOUND = 10
-_TRAIN_S, _HELD_S = 15.0, 12.0
+_TRAIN_S, _HELD_S = 12.0, 9.0
 
 
 def main() -> None:

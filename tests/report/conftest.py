@@ -17,6 +17,7 @@ from twin_daemon.diagnosis.verdict import Diagnosis, Experiment, MovedParameter,
 from twin_daemon.estimation.estimate import Estimate
 from twin_daemon.hand import load_hand
 from twin_daemon.jsonable import plain
+from twin_daemon.proposals.proposal import Curve, Native, Nearest, Proposal, Proposals, Rival, Value
 from twin_daemon.simulation.twin import TwinModel
 
 
@@ -61,6 +62,27 @@ def diagnosis() -> dict[str, Any]:
         seed=7,
     )
     return plain({"schema": 1, **whole.model_dump(by_alias=True)})
+
+
+@pytest.fixture
+def proposals() -> dict[str, Any]:
+    """A law as `twin propose` writes it."""
+    curve = Curve(
+        at=(-0.2, 0.0, 1.0, 1.2), at_unit="rad", value=(0.1, 0.1, -0.1, -0.1), lower=(0.0, 0.05, -0.15, -0.2),
+        upper=(0.2, 0.15, -0.05, 0.0), unit="N m", visited=(0.0, 1.0),
+    )  # fmt: skip
+    law = Proposal(
+        name="proposed_torque_position_0", port="torque", variables=("position",), joints=("rh_FFJ3",),
+        formula="0.1 sin(9 q + 0.7)", parameters={"amplitude": Value(value=0.1, ci95=(0.09, 0.11))}, curve=curve,
+        holdout_mse_before=4e-5, holdout_mse_after=1e-6, holdout_gain=0.975, holdout_gain_ci95=(0.95, 0.99),
+        probability=0.9, null_probability=0.025, evidence=120.0,
+        nearest=(Nearest(effect="spring:rh_FFJ3", fails_because="explains less"),),
+        native=Native(exact=True, cost="", holdout_gain=0.97), experiment="slow sweeps both ways", file="law.yaml",
+    )  # fmt: skip
+    rival = Rival(joint="rh_FFJ3", port="reading", variables=("time",), linear_gain=0.1, holdout_gain=None,
+                  lost_because="other laws promise more")  # fmt: skip
+    found = Proposals(verdict="unexplained", reason="one", proposals=(law,), tried=(rival,), hand="shadow_hand")
+    return plain({"schema": 1, **found.model_dump()})
 
 
 @pytest.fixture

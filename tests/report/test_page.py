@@ -23,7 +23,8 @@ from twin_daemon.simulation.twin import TwinModel
 from twin_daemon.versions import Draft, ParameterRecord, VersionStore
 
 MOST_BYTES = 6_000_000
-EVERYTHING = ["summary", "comparison", "motion", "conditions", "diagnosis", "ladder", "parameters", "reproduce"]
+EVERYTHING = ["summary", "comparison", "motion", "conditions", "diagnosis", "proposals", "ladder", "parameters",
+              "reproduce"]  # fmt: skip
 
 
 def asks_nobody(page: Page) -> None:
@@ -47,11 +48,12 @@ def asks_nobody(page: Page) -> None:
 
 
 def test_everything_is_on_one_page(
-    bag: Path, diagnosis: dict[str, Any], ladder: dict[str, Any], tmp_path: Path
+    bag: Path, diagnosis: dict[str, Any], proposals: dict[str, Any], ladder: dict[str, Any], tmp_path: Path
 ) -> None:
     page, result = report(
         tmp_path, "--recording", str(bag), "--holdout", str(bag),
         "--diagnosis", written(tmp_path / "d.json", diagnosis), "--ladder", written(tmp_path / "l.json", ladder),
+        "--proposals", written(tmp_path / "p.json", proposals),
     )  # fmt: skip
     asks_nobody(page)
     assert page.sections == result["sections"] == EVERYTHING
@@ -68,6 +70,7 @@ def test_everything_is_on_one_page(
         "Ambiguous: more than one effect", "Not sure which", "command_delay:rh_FFJ3", "0.55 to 0.65",
         "97% to 99%", "explains less: 4309 nats", "by 20 mrad rms", "a note on the diagnosis",
         "nothing is left", "backlash:rh_FFJ1", "not tested", "None: this is the nominal model",
+        "a proposal, not a cause", "0.1 sin(9 q + 0.7)", "Nearest in the library: spring:rh_FFJ3",
         "diagnosis 7", "ladder 3", "Held out motion: finger",
     ):  # fmt: skip
         assert said in page.words, said

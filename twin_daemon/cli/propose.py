@@ -13,7 +13,6 @@ from twin_daemon.cli.console import emit_json, people, plain_text, require_folde
 from twin_daemon.tables import slim_table
 from twin_daemon.workflows.diagnosis import diagnosed, joint_names, train_and_held
 from twin_daemon.workflows.progress import streaming
-from twin_daemon.workflows.session import open_session
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -36,6 +35,10 @@ def command(
         float | None,
         typer.Option("--within", metavar="S", min=1.0, help="The diagnosis before it ends after so many seconds."),
     ] = None,
+    since: Annotated[
+        str | None,
+        typer.Option("--since", metavar="VERSION|DATE", help="The law that is missing since a version or a day."),
+    ] = None,
     hand: options.HandName = None,
     model: options.Model = None,
     version: options.VersionRef = None,
@@ -49,11 +52,14 @@ def command(
     The recordings are diagnosed first; only where that ends 'unexplained' a law is searched, at the joint whose error
     is worst over its floor or at --joints. A torque, a change of the command and a change of the reading compete.
     What holds on held-out motion is written as an effect file that twin add takes: a proposal, not a cause.
+    With --since the law is searched beside that version's twin, where no change of it accounts for the error.
     """
     from twin_daemon.proposals.propose import propose
+    from twin_daemon.workflows import changes
 
     require_folder(json)
-    session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)
+    changes.require_one(since, None, version, terms, None)
+    session, stored = changes.open_since(since, hand, model, version=version, terms=terms, joint_map=joint_map)
     recorded = session.recordings(recording, trajectory)
     chosen = joint_names(session.twin, joints)
     began = time.perf_counter()
@@ -63,14 +69,18 @@ def command(
         from twin_daemon.report.finished import read_result
 
         found = read_result(diagnosis, Diagnosis, "twin diagnose")
+    elif stored is not None:
+        earlier = changes.earlier_of(session, None, stored, trajectory)
+        found = changes.diagnosed_since(session, recorded, held, earlier, joints, seed, within)[1]
     else:
         found = diagnosed(session.twin, train, held, joints=chosen, seed=seed, within_s=within)
     with streaming() as say:
         result = propose(session.twin, train, held, found, joints=chosen, seed=seed, stream=say)
     payload = {
+        **result.model_dump(),
         "hand": session.hand.name,
         "version": session.version,
-        **result.model_dump(),
+        "since_version": None if stored is None else stored.id,
         "notes": [*notes, *result.notes],
         "wall_s": time.perf_counter() - began,
     }

@@ -27,6 +27,10 @@ DiagnoseNow = Annotated[bool, typer.Option("--diagnose", help="Diagnose these re
 LadderFile = Annotated[
     Path | None, typer.Option("--ladder", metavar="FILE.json", help="A finished ladder: what twin ladder --json wrote.")
 ]
+ProposalsFile = Annotated[
+    Path | None,
+    typer.Option("--proposals", metavar="FILE.json", help="Proposed laws: what twin propose --json wrote."),
+]
 Page = Annotated[Path, typer.Option("--output", "-o", metavar="FILE.html", help="Where to write the page.")]
 
 
@@ -37,6 +41,7 @@ def command(
     diagnosis: DiagnosisFile = None,
     diagnose: DiagnoseNow = False,
     ladder: LadderFile = None,
+    proposals: ProposalsFile = None,
     seed: options.Seed = 0,
     hand: options.HandName = None,
     model: options.Model = None,
@@ -48,13 +53,14 @@ def command(
 ) -> None:
     """Write one self-contained HTML page: the comparison, where the twin fails, its parameters, how to do it again.
 
-    With a diagnosis or a ladder these stand on it as well. The page loads nothing from anywhere, works by keyboard,
-    in light and dark, and prints.
+    With a diagnosis, proposals or a ladder these stand on it as well. The page loads nothing from anywhere, works by
+    keyboard, in light and dark, and prints.
     """
     if diagnosis is not None and diagnose:
         raise UsageError("--diagnosis and --diagnose exclude each other", todo="Give one of them")
     from twin_daemon.diagnosis.verdict import Diagnosis, LadderResult
     from twin_daemon.files import write_atomically
+    from twin_daemon.proposals.proposal import Proposals
     from twin_daemon.report.finished import read_result
     from twin_daemon.report.motion import motion
     from twin_daemon.report.page import Content, render
@@ -63,10 +69,12 @@ def command(
     require_folder(json, output)
     found = read_result(diagnosis, Diagnosis, "twin diagnose") if diagnosis else None
     grown = read_result(ladder, LadderResult, "twin ladder") if ladder else None
+    laws = read_result(proposals, Proposals, "twin propose") if proposals else None
     session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)
     stored = session.store.get(session.version) if session.version is not None else None
     notes = [
         *(_notes(session, diagnosis, "diagnosis", found.hand, (found.version,)) if found else []),
+        *(_notes(session, proposals, "search for a law", laws.hand, (laws.version,)) if laws else []),
         *(_notes(session, ladder, "ladder", grown.hand, (grown.parent, grown.version)) if grown else []),
     ]
     recorded = session.recordings(recording, trajectory)
@@ -81,7 +89,13 @@ def command(
         "--hand": hand, "--model": model, "--version": session.version or (None if terms else "nominal"),
         "--terms": terms, "--recording": recording, "--trajectory": trajectory, "--joint-map": joint_map,
     }  # fmt: skip
-    more = {"--holdout": holdout, "--diagnosis": diagnosis, "--diagnose": diagnose, "--ladder": ladder}
+    more = {
+        "--holdout": holdout,
+        "--diagnosis": diagnosis,
+        "--diagnose": diagnose,
+        "--ladder": ladder,
+        "--proposals": proposals,
+    }
     recipe = _recipe(session, stored, given, {**more, "--seed": seed if diagnose else None, "-o": output},
                      {"recorded": recorded, "held out": held}, found, grown)  # fmt: skip
     content = Content(
@@ -92,6 +106,7 @@ def command(
         recipe=recipe,
         diagnosis=found,
         ladder=grown,
+        proposals=laws,
         candidates=found.findings if found is not None and found.version == session.version and not terms else (),
         **_fall(session, stored, grown),
         notes=tuple(notes),
@@ -195,6 +210,7 @@ def _recipe(
     files = {
         "diagnosis": more["--diagnosis"],
         "ladder": more["--ladder"],
+        "proposals": more["--proposals"],
         "model": given["--model"],
         "terms": given["--terms"],
         "joint map": given["--joint-map"],

@@ -93,10 +93,14 @@ class Rows(Protocol):
     def residuals(self, points: np.ndarray) -> np.ndarray: ...
 
 
-def gauss_newton(problem: Rows, point: np.ndarray, own: int, rounds: int) -> Reached:
-    """Full derivatives each round; of several damped steps the one that fits best counts."""
+def gauss_newton(problem: Rows, start: np.ndarray | Reached, own: int, rounds: int) -> Reached:
+    """Full derivatives each round; of several damped steps the one that fits best counts.
+
+    Where another descent of the same problem has come to, it goes on with the slopes that are known there.
+    """
+    point = start.point if isinstance(start, Reached) else start
     steps = np.where(np.arange(len(point)) < own, NUISANCE_STEP, LAW_STEP)
-    rows, slopes = _slopes(problem, point, steps)
+    rows, slopes = (start.rows, start.slopes) if isinstance(start, Reached) else _slopes(problem, point, steps)
     for _ in range(rounds):
         cost, hessian = float(rows @ rows), slopes.T @ slopes
         size = np.diag(hessian).copy()

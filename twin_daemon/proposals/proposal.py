@@ -89,10 +89,12 @@ class Rival(_Said):
 
 
 class Proposals(_Said):
-    """All that was found, why not more, and what else was tried."""
+    """All that was found, why not more, and what else was tried. `hand` and `version` are those of the command."""
 
     verdict: str
     reason: str
     proposals: tuple[Proposal, ...] = ()
     tried: tuple[Rival, ...] = ()
     notes: tuple[str, ...] = ()
+    hand: str | None = None
+    version: str | None = None

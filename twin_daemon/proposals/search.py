@@ -254,7 +254,7 @@ class JointSearch:
         def go_on(begun: tuple[Trial, LawProblem, Reached]) -> FittedLaw:
             self.limit.check()
             trial, problem, reached = begun
-            law = self.judged(trial, problem, gauss_newton(problem, reached.point, problem.own, ROUNDS))
+            law = self.judged(trial, problem, gauss_newton(problem, reached, problem.own, ROUNDS))
             self.say(f"{trial.feature.name}: {law.gain:.0%} of the held-out error")
             return law
 

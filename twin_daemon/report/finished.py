@@ -1,4 +1,4 @@
-"""Results that `twin diagnose` and `twin ladder` have written, read back."""
+"""Results that `twin diagnose`, `twin ladder` and `twin propose` have written, read back."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from pydantic import ValidationError
 
 from twin_daemon.diagnosis.verdict import Diagnosis, LadderResult
 from twin_daemon.errors import BadInput
+from twin_daemon.proposals.proposal import Proposals
 
 _MOST_BYTES = 64 * 1024 * 1024
 
 
-Read = TypeVar("Read", Diagnosis, LadderResult)
+Read = TypeVar("Read", Diagnosis, LadderResult, Proposals)
 
 
 def read_result(path: Path, kind: type[Read], command: str) -> Read:

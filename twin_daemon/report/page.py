@@ -17,8 +17,10 @@ from markupsafe import Markup
 from twin_daemon.diagnosis.verdict import IN_WORDS, Diagnosis, Finding, LadderResult
 from twin_daemon.figures.drawings import drawing
 from twin_daemon.figures.ladder import ladder_figure
+from twin_daemon.figures.law import law_figure
 from twin_daemon.figures.style import DARK
 from twin_daemon.figures.waterfall import waterfall_figure
+from twin_daemon.proposals.proposal import Proposals
 from twin_daemon.report import words
 from twin_daemon.report.chart import Chart, chart, in_script
 from twin_daemon.report.motion import Motion, conditions, overlays
@@ -41,6 +43,7 @@ class Content:
     recipe: Recipe
     diagnosis: Diagnosis | None = None
     ladder: LadderResult | None = None
+    proposals: Proposals | None = None
     candidates: tuple[Finding, ...] = ()
     """Findings about this very twin, whose predictions are drawn."""
     steps: tuple[tuple[str, float], ...] = ()
@@ -58,6 +61,7 @@ class Content:
             "motion": moves,
             "conditions": moves,
             "diagnosis": self.diagnosis is not None,
+            "proposals": self.proposals is not None,
             "ladder": self.ladder is not None,
             "parameters": True,
             "reproduce": True,
@@ -81,6 +85,7 @@ def render(content: Content) -> str:
         conditions=conditions(content.motions, content.candidates),
         **(_about(content.diagnosis) if content.diagnosis else {}),
         ladder_chart=ladder_chart(content.ladder) if content.ladder else None,
+        law_charts=law_charts(content.proposals) if content.proposals else [],
         fall=fall_chart(content) if len(content.steps) > 1 else None,
         verdicts=IN_WORDS,
     )  # fmt: skip
@@ -112,6 +117,15 @@ def ladder_chart(ladder: LadderResult) -> Chart:
     figure = ladder_figure("", steps, plain["references"], ladder.noise_floor_rad2)
     figure.update_layout(height=460)
     return chart("ladder-figure", figure, "The error by what was added, on fitted and on held-out motion.")
+
+
+def law_charts(found: Proposals) -> list[Chart]:
+    """The curve of each proposed law with its band, and where the motion has been."""
+    charts = []
+    for number, law in enumerate(found.proposals):
+        words = f"{law.port} over {' x '.join(law.variables)}: the curve of the law with its 95 % band."
+        charts.append(chart(f"law-{number}", law_figure(law.curve, f"{law.port} ({law.curve.unit})"), words))
+    return charts
 
 
 def fall_chart(content: Content) -> Chart:
