@@ -4,8 +4,8 @@ A law is a sum over a basis. Over one variable the basis are hats, so that its c
 knots; a memory is a row of elements with different lengths (widths of play, times of relaxation), and its
 coefficients say how strong each is. A curve may be multiplied by the joint's direction or by the servo's error.
 
-Over the speed with the direction it is a law of dry friction: its level at each speed, either way, which holds a joint
-that stands as a friction does; a torque that depends on the speed alone lets it creep.
+With the direction it is a law of dry friction: a level that holds a joint where it stands, as the solver's own friction
+does; a torque that depends on the speed alone lets it creep. Over the speed, it has a level at each speed either way.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from typing import Literal
 import numpy as np
 
 from twin_daemon.proposals.thresholds import (
-    ACCELERATION_KNOTS,
     COMMAND_KNOTS,
     FEW_POSITIONS,
     HEAT_KNOTS,
@@ -25,7 +24,6 @@ from twin_daemon.proposals.thresholds import (
     LARGEST_FACTOR,
     LARGEST_RAD,
     LARGEST_RELAXING,
-    LOAD_KNOTS,
     NEIGHBOUR_KNOTS,
     PLAY_RAD,
     POSITION_KNOTS,
@@ -95,9 +93,9 @@ def features(
         "position": _even(seen["position"], POSITION_KNOTS),
         "few_positions": _even(seen["position"], FEW_POSITIONS),
         "velocity": _by_size(seen["velocity"], _BENDS),
-        "friction": _by_size(seen["velocity"], _FRICTION_BENDS),
-        "acceleration": _even(seen["acceleration"], ACCELERATION_KNOTS),
-        "load": tuple(np.linspace(0.0, np.percentile(kp * np.abs(seen["error"]), 99.5), LOAD_KNOTS)),
+        "friction": tuple(k for k in _by_size(seen["velocity"], _FRICTION_BENDS) if k),
+        "acceleration": _by_size(seen["acceleration"], _FEW_BENDS),
+        "load": tuple(knot for knot in _by_size(kp * seen["error"], _LOAD_BENDS) if knot >= 0.0),
         "time": tuple(np.linspace(0.0, float(seen["time"].max()), TIME_KNOTS)),
         "heat": _even(seen["heat"], HEAT_KNOTS),
         "command": _even(seen["command"], COMMAND_KNOTS),
@@ -139,6 +137,7 @@ def features(
 
 _BENDS = (0.02, 0.07, 0.2, 0.5, 1.0)
 _FRICTION_BENDS = (0.004, 0.02, 0.07, 0.25, 1.0)
+_LOAD_BENDS = (0.1, 0.3, 1.0)
 _FEW_BENDS = (0.05, 0.3, 1.0)
 """Where a curve may bend, as shares of the largest value on either side; a level of friction bends nearest to rest."""
 

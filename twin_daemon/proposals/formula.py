@@ -244,8 +244,10 @@ def _within(key: str, values: np.ndarray, x: np.ndarray) -> bool:
 def dense(feature: Feature) -> tuple[float, ...]:
     """Knots that are close enough for any formula of a feature's variable."""
     low, high = feature.knots[0], feature.knots[-1]
-    if feature.over in ("velocity", "neighbour_velocity", "error"):
+    if feature.over in ("velocity", "neighbour_velocity", "acceleration", "error"):
         half = FASTER * high * np.geomspace(0.002, 1.0, DENSE_KNOTS // 2)
         return (*(-half[::-1]), 0.0, *half)
-    margin = 0.0 if feature.over in ("time", "heat", "load") else BEYOND * (high - low)
+    if feature.over == "load":
+        return (0.0, *(FASTER * high * np.geomspace(0.002, 1.0, DENSE_KNOTS)))
+    margin = 0.0 if feature.over in ("time", "heat") else BEYOND * (high - low)
     return tuple(np.linspace(low - margin, high + margin, DENSE_KNOTS))

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from functools import cached_property
 
+import mujoco
 import numpy as np
 from scipy.signal import lfilter
 
@@ -13,7 +15,7 @@ from twin_daemon.estimation.problem import Candidate
 from twin_daemon.estimation.thresholds import PAST_S
 from twin_daemon.estimation.variables import ParameterVariable, Variable
 from twin_daemon.proposals.features import OF_NEIGHBOURS, Feature
-from twin_daemon.proposals.thresholds import REVERSAL_RAD, RIDGE, SETTLING_S, STRONGEST_RAD
+from twin_daemon.proposals.thresholds import RIDGE, SETTLING_S, STRONGEST_RAD
 from twin_daemon.proposals.track import Track
 from twin_daemon.simulation.alignment import Aligned, resample
 from twin_daemon.simulation.feedback import roll_out_with_feedback
@@ -173,9 +175,12 @@ class LawProblem(Posterior):
                 begun.append(memory)
         count = len(candidates)
         piece_of = np.repeat(order, count)
-        feedback = _Feedback(self, candidates, np.tile(laws, (len(order), 1)), piece_of, np.array(begun), longest)
+        models = [c.model for _ in order for c in candidates]
+        if self.feature.factor == "direction":
+            models = [copy.copy(model) for model in models]  # each simulation has a friction of its own
+        feedback = _Feedback(self, models, np.tile(laws, (len(order), 1)), piece_of, np.array(begun), longest)
         positions = roll_out_with_feedback(
-            [c.model for _ in order for c in candidates],
+            models,
             np.array(states),
             np.stack(inputs),
             np.array(input_of),
@@ -231,13 +236,11 @@ class LawProblem(Posterior):
 
 
 def remembered(feature: Feature, track: Track, before: np.ndarray, step_s: float) -> np.ndarray:
-    """(m,) the state of a law's memory after the part `before` (n,) of a track: each element's, or the direction's."""
-    if feature.memory in ("play", ""):
-        if feature.over == "acceleration":
-            return track.acceleration[before][-1:]
-        if not feature.memory and feature.factor != "direction":
-            return np.zeros(0)
-        widths = np.array(feature.knots) if feature.memory else np.array([REVERSAL_RAD])
+    """(m,) the state of a law's memory after the part `before` (n,) of a track: each element's."""
+    if not feature.memory:
+        return track.acceleration[before][-1:] if feature.over == "acceleration" else np.zeros(0)
+    if feature.memory == "play":
+        widths = np.array(feature.knots)
         state = np.zeros(len(widths))
         for moved in np.diff(track.position[before]):
             state = np.clip(state + moved / widths, -1.0, 1.0)
@@ -263,7 +266,7 @@ class _Feedback:
     def __init__(
         self,
         problem: LawProblem,
-        candidates: Sequence[Candidate],
+        models: Sequence[mujoco.MjModel],
         laws: np.ndarray,
         piece_of: np.ndarray,
         memory: np.ndarray,
@@ -277,8 +280,9 @@ class _Feedback:
         self._actuator = problem.actuator
         self._qpos_driven, self._dof_driven = twin.qpos_adr, twin.dof_adr
         self._drive = twin.drive[problem.actuator]
-        stiffness = np.array([c.model.actuator_gainprm[problem.actuator, 0] for c in candidates])
-        self._kp = np.tile(stiffness, len(piece_of) // len(candidates))
+        self._kp = np.array([model.actuator_gainprm[problem.actuator, 0] for model in models])
+        self._friction = [model.dof_frictionloss for model in models]
+        self._own_friction = np.array([friction[self._dof] for friction in self._friction])
         grid = np.arange(longest) * self._step_s
         pieces = range(len(problem.recordings))
         self._exogenous = np.stack([problem._exogenous(index, grid) for index in pieces])
@@ -304,7 +308,7 @@ class _Feedback:
         if feature.factor == "error":
             value = value * error
         elif feature.factor == "direction":
-            value = -value * self._state[:active, 0]
+            value = self._rub(value, qvel[:, self._dof])
         if feature.memory in ("play", "relaxation", "creep"):
             value = -value
         out = np.zeros_like(qvel)
@@ -315,6 +319,25 @@ class _Feedback:
         else:
             out[:, self._dof] = np.clip(value, -STRONGEST_RAD * kp, STRONGEST_RAD * kp)
         return out
+
+    def _rub(self, level: np.ndarray, speed: np.ndarray) -> np.ndarray:
+        """(a,) N m of dry friction beside what the solver holds by: levels (a,) at a speed, more or less than its own.
+
+        A friction between -forwards and +backwards is one of their mean either way, with half their difference as a
+        constant torque. Only the solver's own friction lets a joint stick.
+        """
+        active = len(level)
+        beside = np.zeros(active)
+        if self._feature.over == "velocity":
+            least = min(knot for knot in self._feature.knots if knot > 0.0)
+            fast = np.maximum(np.abs(speed), least)
+            laws = self._laws[:active]
+            forwards, backwards = self._feature.curve(laws, fast), self._feature.curve(laws, -fast)
+            level, beside = 0.5 * (forwards + backwards), 0.5 * (backwards - forwards)
+        bounds = np.maximum(self._own_friction[:active] + level, 0.0)
+        for friction, bound in zip(self._friction, bounds.tolist(), strict=False):
+            friction[self._dof] = bound
+        return beside
 
     def _over(
         self, step: int, active: int, angle: np.ndarray, qvel: np.ndarray, error: np.ndarray, ctrl: np.ndarray
@@ -352,5 +375,3 @@ class _Feedback:
         elif feature.memory in ("creep", "lag"):
             follows = (error if feature.memory == "creep" else command)[:, None]
             state[:active] = self._keep * state[:active] + (1.0 - self._keep) * follows
-        elif feature.factor == "direction":
-            state[:active, 0] = np.clip(state[:active, 0] + moved / REVERSAL_RAD, -1.0, 1.0)

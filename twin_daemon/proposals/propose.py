@@ -28,7 +28,9 @@ from twin_daemon.proposals.thresholds import (
     LIBRARY_LEAVES,
     MOST_NULL,
     MOST_SURE,
+    NEAR_NATS,
     NEAREST_SHOWN,
+    UNDECIDED_NATS,
 )
 from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.submodel import drive_groups
@@ -91,9 +93,7 @@ def propose(
         if why:
             reasons.append(f"{joint}: {why}")
             continue
-        best = laws[0]
-        shapes = formulas(best.feature, best.coefficients, best.sigmas)[:FORMULAS_TRIED]
-        law = refitted(search, best, shapes)
+        law, laws = _by_description(search, laws)
         proposals.append(_proposal(search, law, laws, found))
     if proposals:
         reason = "; ".join(f"{p.name}: {p.port} over {' x '.join(p.variables)} at {p.joints[0]}" for p in proposals)
@@ -102,6 +102,23 @@ def propose(
     return Proposals(
         verdict=found.verdict, reason=reason, proposals=tuple(proposals), tried=tuple(tried), notes=tuple(notes)
     )
+
+
+def _by_description(search: JointSearch, laws: Sequence[FittedLaw]) -> tuple[RefittedLaw, list[FittedLaw]]:
+    """The law with the shortest description, and all laws by the evidence of theirs, the best first.
+
+    A curve of many knots pays for all of them, where its formula may have two values: laws that are near by their
+    curves are compared by their formulas. Between two that evidence does not tell apart, held-out motion chooses.
+    """
+    near = [law for law in laws if law.nats > max(laws[0].nats - NEAR_NATS, 0.0) and law.gain_ci95[0] > 0.0]
+    described = [
+        refitted(search, law, formulas(law.feature, law.coefficients, law.sigmas)[:FORMULAS_TRIED])
+        for law in near or laws[:1]
+    ]
+    most = max(one.law.nats for one in described)
+    best = min((one for one in described if one.law.nats > most - UNDECIDED_NATS), key=lambda one: one.law.mse_after)
+    others = [one.law for one in described if one is not best] + [law for law in laws if law not in near]
+    return best, [best.law, *sorted(others, key=lambda law: -law.nats)]
 
 
 def _closed(found: Diagnosis) -> str:

@@ -15,7 +15,7 @@ from twin_daemon.proposals.search import FittedLaw, JointSearch
 from twin_daemon.proposals.thresholds import AS_GOOD, FORMULA_FLOOR, FORMULA_ROUNDS, SPOKEN_SHARE
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RefittedLaw:
     """A law with its formula: values by name as (value, lower, upper) at 95 %; `curve` (k,) at `knots` (k,)."""
 

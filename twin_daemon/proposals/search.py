@@ -60,7 +60,7 @@ class Trial:
         return max(self.share, self.reduction)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FittedLaw:
     """A law fitted in roll-outs, on its own motion and on held-out motion (errors in rad^2, over the part's joints)."""
 

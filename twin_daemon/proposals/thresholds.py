@@ -15,8 +15,6 @@ SMOOTHED_S = Threshold(0.06, "s", "of measured angles in one window of the filte
 
 POSITION_KNOTS = Count(22, "knots", "of a curve over the angle, between the ends of what was visited")
 FEW_POSITIONS = Count(8, "knots", "of a curve over the angle that is multiplied by the direction or the servo's error")
-ACCELERATION_KNOTS = Count(5, "knots", "of a curve over the acceleration: inertia is a line")
-LOAD_KNOTS = Count(5, "knots", "of a curve over the size of the servo's torque")
 TIME_KNOTS = Count(6, "knots", "of a curve over time")
 HEAT_KNOTS = Count(5, "knots", "of a curve over the servo's heat")
 COMMAND_KNOTS = Count(14, "knots", "of a curve over the command")
@@ -36,9 +34,6 @@ SETTLING_S = Threshold(
     0.01, "s", "of the low-pass on an acceleration: a torque that follows the acceleration at once has no roll-out"
 )
 HEATING_S = Threshold(8.0, "s", "time constant of a servo's heat: its squared error through a low-pass")
-REVERSAL_RAD = Threshold(
-    3e-3, "rad", "of travel after a reversal in which a direction changes: bristles give way, and no torque jumps"
-)
 LARGEST_RAD = Threshold(0.5, "rad", "of the servo's stiffness, or of a reading: the largest value of a curve")
 LARGEST_FACTOR = Threshold(3.0, "1", "the largest value of a curve that is multiplied by the servo's error")
 LARGEST_RELAXING = Threshold(4.0, "1", "times the servo's stiffness: the strongest element that relaxes")
@@ -84,6 +79,8 @@ DENSE_KNOTS = Count(96, "knots", "close enough for any formula")
 FASTER = Threshold(1.5, "1", "times the largest speed or error that was visited: other motion may be faster")
 BEYOND = Threshold(0.1, "1", "of the visited range, to either side: a formula knows how it goes on")
 FORMULAS_TRIED = Count(2, "formulas", "of the shortest descriptions that are fitted in roll-outs")
+NEAR_NATS = Threshold(30.0, "nats", "behind the best curve: what some ten knots cost, which a formula does without")
+UNDECIDED_NATS = Threshold(3.0, "nats", "between two laws: 20 to 1; below, held-out motion chooses")
 FORMULA_ROUNDS = Count(3, "rounds", "of Gauss and Newton for the values of a formula")
 AS_GOOD = Threshold(1.2, "1", "times the curve's cost: a formula that leaves no more stands for it")
 FORMULA_FLOOR = Threshold(0.03, "1", "of a formula's value: the least half-width of its interval")
