@@ -134,6 +134,8 @@ def _as_strong(law: Law, moved: Callable[[], float]) -> None:
 
 def _beyond_belief(law: Law) -> bool:
     change, values = law.nominal_change(), law.values()
+    if law.key == "tendon_elasticity":  # in series with the servo, it makes it weaker by this
+        change = float(np.log1p(law.size))
     late = values.get("delay", values.get("tau", _LEAST_LATE_S))
     return late >= _LEAST_LATE_S and (change is None or change >= _LEAST_CHANGE)
 

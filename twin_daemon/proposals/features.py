@@ -17,13 +17,17 @@ from typing import Literal
 import numpy as np
 
 from twin_daemon.proposals.thresholds import (
+    BENDS,
     COMMAND_KNOTS,
+    FEW_BENDS,
     FEW_POSITIONS,
+    FRICTION_BENDS,
     HEAT_KNOTS,
     LAGS_S,
     LARGEST_FACTOR,
     LARGEST_RAD,
     LARGEST_RELAXING,
+    LOAD_BENDS,
     NEIGHBOUR_KNOTS,
     PLAY_RAD,
     POSITION_KNOTS,
@@ -92,14 +96,14 @@ def features(
     at = {
         "position": _even(seen["position"], POSITION_KNOTS),
         "few_positions": _even(seen["position"], FEW_POSITIONS),
-        "velocity": _by_size(seen["velocity"], _BENDS),
-        "friction": tuple(k for k in _by_size(seen["velocity"], _FRICTION_BENDS) if k),
-        "acceleration": _by_size(seen["acceleration"], _FEW_BENDS),
-        "load": tuple(knot for knot in _by_size(kp * seen["error"], _LOAD_BENDS) if knot >= 0.0),
+        "velocity": _by_size(seen["velocity"], BENDS),
+        "friction": tuple(k for k in _by_size(seen["velocity"], FRICTION_BENDS) if k),
+        "acceleration": _by_size(seen["acceleration"], FEW_BENDS),
+        "load": tuple(knot for knot in _by_size(kp * seen["error"], LOAD_BENDS) if knot >= 0.0),
         "time": tuple(np.linspace(0.0, float(seen["time"].max()), TIME_KNOTS)),
         "heat": _even(seen["heat"], HEAT_KNOTS),
         "command": _even(seen["command"], COMMAND_KNOTS),
-        "error": _by_size(seen["error"], _BENDS),
+        "error": _by_size(seen["error"], BENDS),
     }
     strong, far, factor = LARGEST_RAD * kp, LARGEST_RAD, LARGEST_FACTOR
     found = [
@@ -124,7 +128,7 @@ def features(
     ]
     for (name, over), series in neighbours.items():
         if over == "neighbour_velocity":
-            found.append(Feature("torque", over, _by_size(series, _FEW_BENDS), "N m", strong, neighbour=name))
+            found.append(Feature("torque", over, _by_size(series, FEW_BENDS), "N m", strong, neighbour=name))
             continue
         knots = _even(series, NEIGHBOUR_KNOTS)
         found += [
@@ -133,13 +137,6 @@ def features(
             Feature("torque", over, knots, "N m", strong, factor="direction", neighbour=name),
         ]
     return [one for one in found if one.memory or one.knots[-1] - one.knots[0] > 1e-6]
-
-
-_BENDS = (0.02, 0.07, 0.2, 0.5, 1.0)
-_FRICTION_BENDS = (0.004, 0.02, 0.07, 0.25, 1.0)
-_LOAD_BENDS = (0.1, 0.3, 1.0)
-_FEW_BENDS = (0.05, 0.3, 1.0)
-"""Where a curve may bend, as shares of the largest value on either side; a level of friction bends nearest to rest."""
 
 
 def _even(values: np.ndarray, count: int) -> tuple[float, ...]:

@@ -19,6 +19,21 @@ TIME_KNOTS = Count(6, "knots", "of a curve over time")
 HEAT_KNOTS = Count(5, "knots", "of a curve over the servo's heat")
 COMMAND_KNOTS = Count(14, "knots", "of a curve over the command")
 NEIGHBOUR_KNOTS = Count(6, "knots", "of a curve over a neighbour's angle")
+BENDS = tuple(
+    Threshold(share, "1", "of the largest speed or error, either side of none: where a curve over it may bend")
+    for share in (0.02, 0.07, 0.2, 0.5, 1.0)
+)
+FRICTION_BENDS = tuple(
+    Threshold(share, "1", "of the largest speed: where a level of friction may bend, nearest to rest")
+    for share in (0.004, 0.02, 0.07, 0.25, 1.0)
+)
+LOAD_BENDS = tuple(
+    Threshold(share, "1", "of the largest load: where a curve over it may bend") for share in (0.1, 0.3, 1.0)
+)
+FEW_BENDS = tuple(
+    Threshold(share, "1", "of the largest acceleration or neighbour's speed: where a curve over it may bend")
+    for share in (0.05, 0.3, 1.0)
+)
 PLAY_RAD = tuple(
     Threshold(width, "rad", "widths of the elements of a law with play") for width in (0.01, 0.03, 0.1, 0.3)
 )
