@@ -26,6 +26,7 @@ _WANTED_RAD = 0.012
 _HALVINGS = 9
 _LEAST_CHANGE = 1.0
 _LEAST_LATE_S = 0.04
+_LENGTH_M, _MASS_KG = 0.2, 0.2  # of the forearm
 _RADIUS_M = 0.04
 
 _GRAVITY = (("torque", "position"), ("torque", "shoulder"))
@@ -70,14 +71,14 @@ def _robot() -> Robot:
     links = []
     for name, parent, at, length, mass in (
         ("shoulder", -1, (0, 0, 1), 0.25, 0.3),
-        ("elbow", 0, (0.25, 0, 0), 0.2, 0.2),
+        ("elbow", 0, (0.25, 0, 0), _LENGTH_M, _MASS_KG),
     ):
         across = mass * (3 * _RADIUS_M**2 + length**2) / 12
         middle, inertia = (length / 2, 0.0, 0.0), (mass * _RADIUS_M**2 / 2, across, across)
         links.append(Link(name, parent, at, (0, 1, 0), -2.0, 2.0, mass, middle, inertia, (length, 0, 0), _RADIUS_M))
     servos = tuple(Servo(name, name, (index,), KP[name], 0.0, -2.0, 2.0) for index, name in enumerate(JOINTS))
-    weight = 9.81 * np.array([0.3 * 0.125 + 0.2 * 0.35, 0.2 * 0.1])
-    felt = np.array([0.3 * 0.25**2 / 3 + 0.2 * 0.35**2, 0.2 * 0.2**2 / 3])
+    weight = 9.81 * np.array([0.3 * 0.125 + _MASS_KG * 0.35, _MASS_KG * 0.1])
+    felt = np.array([0.3 * 0.25**2 / 3 + _MASS_KG * 0.35**2, _MASS_KG * _LENGTH_M**2 / 3])
     armature = np.array([0.01, 0.006])
     return Robot(
         tree=Tree("arm", tuple(links), (), (1.0, 0.0, 0.0, 0.0)), servos=servos, armature=armature,
@@ -136,6 +137,8 @@ def _beyond_belief(law: Law) -> bool:
     change, values = law.nominal_change(), law.values()
     if law.key == "tendon_elasticity":  # in series with the servo, it makes it weaker by this
         change = float(np.log1p(law.size))
+    if law.key == "payload":  # at the link's end: a weaker servo sags as much under the same weight
+        change = float(np.log1p(values["mass"] * _LENGTH_M / (_MASS_KG * 0.5 * _LENGTH_M)))
     late = values.get("delay", values.get("tau", _LEAST_LATE_S))
     return late >= _LEAST_LATE_S and (change is None or change >= _LEAST_CHANGE)
 

@@ -1,0 +1,93 @@
+"""What a law does in roll-outs is what the model's own element of the same kind does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bench.library_laws import ANSWERS
+from twin_daemon.effects import BUILT_IN
+from twin_daemon.estimation.posterior import Posterior
+from twin_daemon.proposals.features import OF_NEIGHBOURS, Feature, features
+from twin_daemon.proposals.law_problem import LawProblem
+from twin_daemon.proposals.track import Track, track
+from twin_daemon.simulation.twin import TwinModel
+
+Recorded = Callable[[str, float, float], list[list[Any]]]
+FLOOR = np.array([1e-6])
+SPEEDS = (-2.0, -0.1, 0.1, 2.0)
+
+
+def moved(twin: TwinModel, train: Any, feature: Feature, values: list[float]) -> list[np.ndarray]:
+    """Predicted readings (n,) of the elbow with a law, by piece."""
+    actuator = twin.actuators.index("elbow")
+    tracks = [track(twin, one, "elbow", actuator, []) for one in train]
+    problem = LawProblem(
+        twin, train, (), ["elbow"], FLOOR, feature=feature, joint="elbow", actuator=actuator, tracks=tracks
+    )
+    found = problem.predict(problem.point(np.zeros(0), np.array(values))[None])
+    return [one[0, :, 0] for one in found]
+
+
+def with_own(twin: TwinModel, train: Any, parameter: str, more: float) -> list[np.ndarray]:
+    """The same with more of a parameter of the model."""
+    own = twin.parameter(parameter).read(twin.base_model)
+    changed = twin.changed(twin.terms.with_parameters({parameter: own + more}))
+    found = Posterior(changed, train, (), ["elbow"], FLOOR).predict(np.zeros((1, 0)))
+    return [one[0, :, 0] for one in found]
+
+
+@pytest.mark.parametrize(
+    "feature",
+    [
+        Feature("torque", "velocity", SPEEDS, "N m", 4.0, factor="direction"),
+        Feature("torque", "load", (0.0, 1.0, 4.0), "N m", 4.0, factor="direction"),
+        Feature("torque", "position", (-1.0, 1.0), "N m", 4.0, factor="direction"),
+    ],
+    ids=lambda feature: feature.over,
+)
+def test_a_level_of_friction_holds_as_the_models_own_does(
+    feature: Feature, twin: TwinModel, recorded: Recorded
+) -> None:
+    train, _ = recorded("sound", 8.0, 6.0)
+    (law,) = moved(twin, train, feature, [0.2] * len(feature.knots))
+    (own,) = with_own(twin, train, "elbow.frictionloss", 0.2)
+    (neither,) = with_own(twin, train, "elbow.frictionloss", 0.0)
+    assert np.abs(own - neither).max() > 0.01
+    assert np.abs(law - own).max() < 1e-6
+
+
+def test_friction_one_way_is_half_of_it_and_a_constant_torque(twin: TwinModel, recorded: Recorded) -> None:
+    train, _ = recorded("sound", 8.0, 6.0)
+    one_way = Feature("torque", "velocity", SPEEDS, "N m", 4.0, factor="direction")
+    (found,) = moved(twin, train, one_way, [0.0, 0.0, 0.2, 0.2])
+    (either_way,) = with_own(twin, train, "elbow.frictionloss", 0.2)
+    (neither,) = with_own(twin, train, "elbow.frictionloss", 0.0)
+    falling = np.gradient(either_way) < -1e-3
+    rising = np.gradient(either_way) > 1e-3
+    # forwards as with the friction, backwards as without it
+    assert np.abs(found - either_way)[rising].mean() < 0.5 * np.abs(neither - either_way)[rising].mean()
+    assert np.abs(found - neither)[falling].mean() < 0.5 * np.abs(neither - either_way)[falling].mean()
+
+
+def test_a_torque_over_the_acceleration_is_inertia(twin: TwinModel, recorded: Recorded) -> None:
+    train, _ = recorded("sound", 8.0, 6.0)
+    feature = Feature("torque", "acceleration", (-500.0, 0.0, 500.0), "N m", 40.0)
+    (law,) = moved(twin, train, feature, [1.0, 0.0, -1.0])  # 2e-3 kg m2
+    (own,) = with_own(twin, train, "elbow.armature", 2e-3)
+    (neither,) = with_own(twin, train, "elbow.armature", 0.0)
+    # but for the low-pass on the acceleration
+    assert np.abs(law - own).mean() < 0.5 * np.abs(neither - own).mean()
+
+
+def test_every_effect_of_the_library_has_an_answer_that_a_search_can_give() -> None:
+    assert set(ANSWERS) == set(BUILT_IN) - {"coupling"}
+    motion = np.linspace(-1.0, 1.0, 500)
+    seen = dict.fromkeys(Track.VARIABLES, motion) | {"heat": motion + 1.0, "time": 20.0 * motion + 20.0}
+    known = features(8.0, seen, {("shoulder", over): motion for over in OF_NEIGHBOURS})
+    said = {(one.port, variable) for one in known for variable in one.variables}
+    for answers in ANSWERS.values():
+        assert set(answers) <= said
