@@ -23,10 +23,10 @@ def diagnose(
 ) -> Diagnosis:
     """Which effects the twin lacks, with evidence, or that the data cannot tell, as `twin diagnose`. Stores no version.
 
-    `holdout`: validation data; without it every third stretch of the recordings is held out. `joints`: only
-    these. The same `seed` gives the same answer. `version`: the twin that is diagnosed, default the one in use;
-    `terms`: a file of parameters and effects instead. Candidates appear on standard error. Raises BadInput for a
-    recording, version or file that cannot be used, UsageError for no recording or recordings of different robots.
+    `holdout`: validation data; without it each of several recordings is held out in turn, of one every third stretch.
+    `joints`: only these. The same `seed` gives the same answer. `version`: the twin that is diagnosed, default the
+    one in use; `terms`: a file of parameters and effects instead. Candidates appear on standard error. Raises BadInput
+    for a recording, version or file that cannot be used, UsageError for no recording or recordings of different robots.
     """
     recordings, robot = of(recording)
     held = as_list(holdout)

@@ -21,7 +21,7 @@ from twin_daemon.workflows.session import open_session
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from twin_daemon.diagnosis.verdict import Diagnosis, Finding
+    from twin_daemon.diagnosis.verdict import Diagnosis, Finding, MotionError
 
 
 _MOST_TRIED = 10
@@ -149,6 +149,7 @@ def show_finding(console: Console, finding: Finding) -> None:
         f"{finding.holdout_mse_after_rad2:.3g} rad², gain {finding.holdout_gain:.0%} "
         f"(95 %: {low:.0%} to {high:.0%})"
     )
+    show_worst_motion(console, finding.holdout_motions)
     probable = "" if finding.probability is None else f", probability {in_hundred(finding.probability)}"
     console.print(f"  evidence {finding.evidence_nats:.0f} nats{probable}")
     show_free_errors(
@@ -161,6 +162,17 @@ def show_finding(console: Console, finding: Finding) -> None:
     if finding.confusable_with:
         console.print(f"  not told apart from: {plain_text(', '.join(finding.confusable_with))}")
     console.print(f"  {plain_text(finding.explanation)}")
+
+
+def show_worst_motion(console: Console, motions: Sequence[MotionError]) -> None:
+    """Of several held-out recordings the one that is predicted worst: it decides."""
+    if len(motions) < 2:
+        return
+    worst = max(motions, key=lambda motion: motion.left)
+    console.print(
+        f"  of {len(motions)} motions the worst is {plain_text(worst.name)}: {worst.mse_before_rad2:.3g} -> "
+        f"{worst.mse_after_rad2:.3g} rad², {worst.left:.1f} times what a right model may leave"
+    )
 
 
 def show_free_errors(

@@ -12,7 +12,16 @@ from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.probability import combined, posterior, unknown
 from twin_daemon.diagnosis.thresholds import DECISIVE_NATS, FORBIDDEN_SIGMA, MOST_NAMED, SURE, WORST_SHOWN
 from twin_daemon.diagnosis.validation import HeldOut
-from twin_daemon.diagnosis.verdict import Diagnosis, Failure, Finding, MovedParameter, PartSummary, Trial, VerdictName
+from twin_daemon.diagnosis.verdict import (
+    Diagnosis,
+    Failure,
+    Finding,
+    MotionError,
+    MovedParameter,
+    PartSummary,
+    Trial,
+    VerdictName,
+)
 from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
 from twin_daemon.simulation.alignment import Aligned, predict
 from twin_daemon.simulation.twin import TwinModel
@@ -199,6 +208,16 @@ def _finding(accepted: Accepted, unknown: float) -> Finding:
         holdout_mse_after_rad2=judged.mse_after,
         holdout_gain=judged.gain,
         holdout_gain_ci95=judged.gain_ci95,
+        holdout_motions=tuple(
+            MotionError(
+                name=motion.name,
+                mse_before_rad2=motion.mse_before,
+                mse_after_rad2=motion.mse_after,
+                gain_ci95=motion.gain_ci95,
+                left=motion.adequacy,
+            )
+            for motion in judged.motions
+        ),
         confusable_with=tuple(rival.hypothesis.name for rival in accepted.rivals),
         probability=(1.0 - unknown) * accepted.posterior[hypothesis.name],
         explanation=f"{effect.story.what} {effect.story.shows} Likely cause: {effect.story.cause} "

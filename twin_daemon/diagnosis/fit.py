@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from twin_daemon.diagnosis.candidates import Hypothesis
+from twin_daemon.diagnosis.in_turn import without_each
 from twin_daemon.diagnosis.thresholds import (
     DEVIATING_SIGMA,
     FOUND_LEAST_SHARE,
@@ -69,6 +70,12 @@ class Fit:
     def _is_own(self, variable: EffectVariable) -> bool:
         own = self.hypothesis
         return own is not None and (variable.effect, variable.target) == (own.effect.key, own.target)
+
+    @cached_property
+    def by_others(self) -> dict[str, Fit]:
+        """The fit as it is without one recording of those that it is on, by the recording (`in_turn.motion_of`)."""
+        found = without_each(self.problem, self.point, self.slopes, max(1.0, self.chi_square))
+        return {motion: replace(self, point=point, slopes=slopes) for motion, (point, slopes) in found.items()}
 
     @property
     def nuisances(self) -> dict[str, float]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from twin_daemon.diagnosis.candidates import Hypothesis
 from twin_daemon.diagnosis.fit import FirstFit, Fit, as_fit, moved_parameters, own_columns
+from twin_daemon.diagnosis.in_turn import by_motion, fitted_too
 from twin_daemon.diagnosis.thresholds import (
     CLOSER_LOOK,
     COARSER_STEPS,
@@ -335,7 +336,20 @@ class PartFit:
 
         With `adjusted` its values move as far as the fitted motion leaves them uncertain: what that has not determined,
         other motion may still say without the law being wrong. One Gauss-Newton step with the fit's posterior as prior.
+        A recording that is fitted as well is predicted by what the others say of it.
         """
+        in_turn = fitted_too(self.recordings, recordings)
+        if not in_turn:
+            return self._held_out(fit, recordings, adjusted=adjusted)
+        found: list[np.ndarray | None] = [None] * len(recordings)
+        for motion, members in by_motion(recordings).items():
+            seen = fit.by_others[motion] if motion in in_turn else fit
+            judged = self._held_out(seen, [recordings[i] for i in members], adjusted=adjusted)
+            for index, rows in zip(members, judged, strict=True):
+                found[index] = rows
+        return [rows for rows in found if rows is not None]
+
+    def _held_out(self, fit: Fit, recordings: Sequence[Aligned], *, adjusted: bool) -> list[np.ndarray]:
         every = fit.problem.variables
         kept, moved = carried_over(every, fit.point, recordings)
         variables, point = tuple(every[i] for i in kept), fit.point[kept]

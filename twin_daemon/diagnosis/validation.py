@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from twin_daemon.diagnosis.fit import Fit
+from twin_daemon.diagnosis.in_turn import by_motion
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.thresholds import ADEQUATE_FLOORS, AS_BEFORE, FORGIVEN_OFFSET_SIGMA, RELATIVE_ERROR
 from twin_daemon.estimation.posterior import floor_variance
@@ -18,40 +19,72 @@ from twin_daemon.simulation.alignment import Aligned
 
 
 @dataclass(frozen=True)
-class HeldOut:
-    """A fit on held-out motion beside the model without the effect. Errors in rad^2.
+class HeldOutMotion:
+    """A fit on one held-out recording beside the model without the effect. Errors in rad^2.
 
     `by_joint` (k,) is what is left of each joint in floors, `allowed` (k,) what a right model may leave. `asked` is
     whether the model without the effect leaves more than that: otherwise this motion cannot speak for an effect.
     """
 
+    name: str
     mse_before: float
     mse_after: float
-    gain: float
     gain_ci95: tuple[float, float]
     by_joint: np.ndarray
     allowed: np.ndarray
     asked: bool
 
     @property
-    def silent(self) -> bool:
-        """Whether this motion speaks neither for the effect nor against it."""
-        return not self.asked and self.gain_ci95[1] >= 0.0
-
-    @property
-    def passes(self) -> bool:
-        """Whether the gain is there with 97.5 % certainty."""
-        return self.gain_ci95[0] > 0.0
-
-    @property
-    def adequate(self) -> bool:
-        """Whether what is left is what a right model leaves."""
-        return bool((self.by_joint <= self.allowed).all())
-
-    @property
     def adequacy(self) -> float:
         """What is left of the worst joint, in what a right model may leave."""
         return float((self.by_joint / self.allowed).max())
+
+    @property
+    def worse(self) -> bool:
+        """Whether it is predicted worse with 97.5 % certainty."""
+        return self.gain_ci95[1] < 0.0
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """A fit on all held-out motion beside the model without the effect. Errors in rad^2.
+
+    Errors and the gain are over all of it; whether the model is right is asked of each recording, and the worst counts.
+    """
+
+    mse_before: float
+    mse_after: float
+    gain: float
+    gain_ci95: tuple[float, float]
+    motions: tuple[HeldOutMotion, ...]
+
+    @property
+    def silent(self) -> bool:
+        """Whether this motion speaks neither for the effect nor against it."""
+        return not any(motion.asked or motion.worse for motion in self.motions)
+
+    @property
+    def passes(self) -> bool:
+        """Whether the gain is there with 97.5 % certainty, and no motion is predicted worse than a right model may."""
+        return self.gain_ci95[0] > 0.0 and self.spoilt is None
+
+    @property
+    def spoilt(self) -> HeldOutMotion | None:
+        """Of several motions the one that is certainly predicted worse, and not as a right model would; None else."""
+        if len(self.motions) < 2:
+            return None
+        worse = [motion for motion in self.motions if motion.worse and motion.adequacy > 1.0]
+        return max(worse, key=lambda motion: motion.adequacy, default=None)
+
+    @property
+    def adequate(self) -> bool:
+        """Whether what is left is what a right model leaves, in every motion."""
+        return self.adequacy <= 1.0
+
+    @property
+    def adequacy(self) -> float:
+        """What is left of the worst joint in the worst motion, in what a right model may leave."""
+        return max(motion.adequacy for motion in self.motions)
 
 
 class Validation:
@@ -69,6 +102,7 @@ class Validation:
         self._seed = seed
         self._before: dict[tuple[tuple[str, ...], bool], list[np.ndarray]] = {}
         self._known = [np.isfinite(r.measured[:, [r.joints.index(j) for j in part.joints]]) for r in holdout]
+        self._motions = by_motion(holdout)
         base = part.held_out(part.base, holdout)
         self.allowed = self._allowed(base) if first is None else first.allowed
         self._before[(), False] = base
@@ -85,24 +119,46 @@ class Validation:
         before = self._without(owned, adjusted=False)
         after = before if fit is part.base else part.held_out(fit, self._holdout)
         floor = part.floor
-        left = _left(after, self._known, floor)
-        if (left > self.allowed).any():
+        left = self._left(after, floor)
+        if any((left[name] > self.allowed[name]).any() for name in self._motions):
             # what the fitted motion leaves loose is not held against either, nor what jitter does to faster motion
             before = self._without(owned, adjusted=True)
             after = before if fit is part.base else part.held_out(fit, self._holdout, adjusted=True)
             floor = self._floor
-            left = _left(after, self._known, floor)
-        squares_before, squares_after = sample_squares(before, self._known), sample_squares(after, self._known)
-        total_before, total_after = float(squares_before.mean()), float(squares_after.mean())
+            left = self._left(after, floor)
+        left_before = self._left(before, floor)
+        squares = [sample_squares([r], [known]) for r, known in zip(before, self._known, strict=True)]
+        squares_after = [sample_squares([r], [known]) for r, known in zip(after, self._known, strict=True)]
+        total_before, total_after, gain = self._gain(range(len(before)), squares, squares_after)
+        motions = []
+        for name, members in self._motions.items():
+            mse_before, mse_after, interval = self._gain(members, squares, squares_after)
+            asked = bool((left_before[name] > self.allowed[name]).any())
+            recorded = self._holdout[members[0]].recording.name
+            motions.append(
+                HeldOutMotion(recorded, mse_before, mse_after, interval, left[name], self.allowed[name], asked)
+            )
         return HeldOut(
             mse_before=total_before,
             mse_after=total_after,
             gain=1.0 - total_after / max(total_before, 1e-30),
-            gain_ci95=block_gain(squares_before, squares_after, self._block, self._seed),
-            by_joint=left,
-            allowed=self.allowed,
-            asked=bool((_left(before, self._known, floor) > self.allowed).any()),
+            gain_ci95=gain,
+            motions=tuple(motions),
         )
+
+    def _gain(
+        self, members: Sequence[int], before: Sequence[np.ndarray], after: Sequence[np.ndarray]
+    ) -> tuple[float, float, tuple[float, float]]:
+        """(mean squared errors in rad^2 of some pieces before and after, the 95 % interval of the gain)."""
+        old, new = (np.concatenate([squares[i] for i in members]) for squares in (before, after))
+        return float(old.mean()), float(new.mean()), block_gain(old, new, self._block, self._seed)
+
+    def _left(self, residuals: Sequence[np.ndarray], floor: np.ndarray) -> dict[str, np.ndarray]:
+        """(k,) what is left of each joint in floors, by recording."""
+        return {
+            name: _left([residuals[i] for i in members], [self._known[i] for i in members], floor)
+            for name, members in self._motions.items()
+        }
 
     def squares(self) -> np.ndarray:
         """(n,) rad^2: mean over the joints of each held-out sample's squared error, by the nuisances alone."""
@@ -122,16 +178,17 @@ class Validation:
             self._before[owned, adjusted] = self._part.held_out(fit, self._holdout, adjusted=adjusted)
         return self._before[owned, adjusted]
 
-    def _allowed(self, base: Sequence[np.ndarray]) -> np.ndarray:
-        """(k,) floors: for joints that fit well what they leave anyway, for the others a part of that.
+    def _allowed(self, base: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
+        """(k,) floors by recording: for joints that fit well what they leave anyway, for the others a part of that.
 
         What nuisances that had to stand in for something get wrong on other motion allows nothing: where the part left
         less on its own motion, that counts.
         """
-        left, suspects = _left(base, self._known, self._part.floor), self._part.suspects
-        left = np.minimum(left, np.maximum(self._part.times_floor, ADEQUATE_FLOORS))
+        suspects = self._part.suspects
+        most = np.maximum(self._part.times_floor, ADEQUATE_FLOORS)
         share = np.array([RELATIVE_ERROR if joint in suspects else AS_BEFORE for joint in self._part.joints])
-        return np.maximum(ADEQUATE_FLOORS, share * left)
+        left = self._left(base, self._part.floor)
+        return {name: np.maximum(ADEQUATE_FLOORS, share * np.minimum(own, most)) for name, own in left.items()}
 
 
 def _without_stand_in(part: PartFit, owned: set[str]) -> Fit:

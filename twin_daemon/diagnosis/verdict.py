@@ -34,6 +34,21 @@ def _short_named(name: str) -> Any:
     return Field(default=None, validation_alias=name, serialization_alias=name)
 
 
+class MotionError(_Said):
+    """The errors of one held-out recording in short pieces, without an effect and with it, in rad^2."""
+
+    name: str
+    """The recording."""
+    mse_before_rad2: Number = Field(validation_alias="mse_before", serialization_alias="mse_before")
+    """Without the effect."""
+    mse_after_rad2: Number = Field(validation_alias="mse_after", serialization_alias="mse_after")
+    """With it."""
+    gain_ci95: tuple[Number, Number]
+    """95 % interval of the share that it takes away."""
+    left: Number
+    """What the worst joint leaves, in what a right model may leave."""
+
+
 class Finding(_Said):
     """One effect that the data ask for, with its errors on validation data.
 
@@ -63,6 +78,8 @@ class Finding(_Said):
     """The share of that error which it takes away."""
     holdout_gain_ci95: tuple[Number, Number]
     """95 % interval of that share."""
+    holdout_motions: tuple[MotionError, ...] = ()
+    """The same of each recording that judged it: the worst of them decides whether the effect is right."""
     confusable_with: tuple[str, ...]
     """What it may be instead, as `effect:place`."""
     explanation: str

@@ -58,12 +58,29 @@ def joint_estimates(
     residual says nothing, and the floor with a typical correlation stands for it. What the data do not say is
     limited by the box of the search, and called not identifiable.
     """
+    said = information_by_recording(problem, point, error_floor_rad=error_floor_rad, expected=expected)
+    information = np.sum(said, axis=0)
+    information += np.eye(len(point)) / _BOX_SIGMA**2
+    covariance = np.linalg.inv(information)
+    sigma = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(sigma, sigma)
+    return [_estimate(problem, point, sigma, correlation, index) for index in range(len(point))], correlation
+
+
+def information_by_recording(
+    problem: Problem, point: np.ndarray, *, error_floor_rad: float = 0.0, expected: bool = False
+) -> list[np.ndarray]:
+    """(p, p) what each recording of a problem says of the unit coordinates at a point (p,): Gauss-Newton.
+
+    As for `joint_estimates`; what is known without any recording, the box of the search, is not in it.
+    """
     derivative = jacobian(Tracker(problem), point)
     # joint by joint: its residual's spread and correlation say how much its samples are worth
-    information = np.zeros((len(point), len(point)))
+    found = []
     offset = 0
     per_joint = problem.samples_per_joint
     for recording, residual in zip(problem.recordings, problem.joint_residuals(point[None]), strict=True):
+        information = np.zeros((len(point), len(point)))
         expected_tau = max(1.0, EXPECTED_CORRELATION_S / float(np.median(np.diff(recording.time_s))))
         samples, joints = residual.shape[1:]
         rows = derivative[offset : offset + samples * joints].reshape(samples, joints, -1)
@@ -74,11 +91,8 @@ def joint_estimates(
             variance = error_floor_rad**2 if expected else max(float(np.mean(series**2)), error_floor_rad**2)
             unscaled = rows[:, joint] * np.sqrt(per_joint[joint] * joints)
             information += unscaled.T @ unscaled / (variance * tau)
-    information += np.eye(len(point)) / _BOX_SIGMA**2
-    covariance = np.linalg.inv(information)
-    sigma = np.sqrt(np.diag(covariance))
-    correlation = covariance / np.outer(sigma, sigma)
-    return [_estimate(problem, point, sigma, correlation, index) for index in range(len(point))], correlation
+        found.append(information)
+    return found
 
 
 def estimated(

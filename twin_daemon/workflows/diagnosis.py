@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from twin_daemon.diagnosis.verdict import RecordingRead
 from twin_daemon.workflows.progress import streaming
-from twin_daemon.workflows.session import Session, held_out
+from twin_daemon.workflows.session import Session, held_out, in_turn, take_turns
 
 if TYPE_CHECKING:
     from twin_daemon.diagnosis.verdict import Diagnosis
@@ -41,7 +41,7 @@ def judged(
     if short:
         found = _too_short(short)
     else:
-        train, held, notes = train_and_held(session, train, holdout, trajectory)
+        train, held, notes = in_turn(train, session.recordings(holdout or [], trajectory))
         found = diagnosed(session.twin, train, held, joints=chosen, seed=seed, within_s=within_s)
     notes += ended_early(found, within_s)
     if found.verdict in ("ambiguous", "not_excited"):
@@ -50,7 +50,8 @@ def judged(
 
         proposed = next_experiment(session.twin, train, found, state_dir() / "experiments", chosen)
         found = found.model_copy(update={"next_experiment": proposed})
-    found = with_free_errors(session.twin, held, found)
+    # what takes turns has been fitted as well: a free roll-out of it would flatter
+    found = with_free_errors(session.twin, () if take_turns(train, held) else held, found)
     about = {
         "hand": session.hand.name,
         "version": session.version,

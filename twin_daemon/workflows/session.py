@@ -100,6 +100,19 @@ def held_out(recorded: Sequence[Aligned], held: Sequence[Aligned]) -> tuple[list
     )
 
 
+def in_turn(recorded: Sequence[Aligned], held: Sequence[Aligned]) -> tuple[list[Aligned], list[Aligned], list[str]]:
+    """As `held_out`, but of several recordings without any given, each is held out in turn: both lists are all."""
+    if held or len({r.recording.sha256 for r in recorded}) < 2:
+        return held_out(recorded, held)
+    note = "no --holdout: each recording is predicted by what the others say, in turn, and the worst one counts"
+    return list(recorded), list(recorded), [note]
+
+
+def take_turns(train: Sequence[Aligned], held: Sequence[Aligned]) -> bool:
+    """Whether the recordings to judge by are those that are fitted, each in turn."""
+    return any(one is other for one in held for other in train)
+
+
 def used(recordings: Sequence[Aligned]) -> tuple[RecordingUsed, ...]:
     """The recordings as a version names them."""
     from twin_daemon.versions import RecordingUsed
