@@ -26,7 +26,7 @@ def compare(recording: Recordings, *, version: str | None = None, terms: Text | 
     recordings, robot = of(recording)
     session = opened(robot, version, terms, recordings)
     aligned = session.recordings(paths(recordings), trajectory_of(recordings))
-    report, compared = comparison_report(session.twin, aligned, session.last_promoted())
+    report, compared = comparison_report(session.twin, aligned, session.last_promoted(), session.region)
     return Comparison.of({**report, "version": session.version}, compared)
 
 

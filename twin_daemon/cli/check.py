@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from twin_daemon.cli import options
+from twin_daemon.cli.compare import say_outside
 from twin_daemon.cli.console import counted, emit_json, people, plain_text, require_folder
 from twin_daemon.tables import by_kind, place_of, slim_table
 from twin_daemon.workflows.data_check import checked
 from twin_daemon.workflows.session import open_session
 
 if TYPE_CHECKING:
-    pass
+    from rich.console import Console
 
 
 def command(
@@ -58,8 +59,28 @@ def _show(report: dict[str, Any], json: str | None) -> None:
     console.print(table)
     for kind, names in by_kind([n for n, p in parameters.items() if p["advice"]]).items():
         console.print(f"to learn [bold]{plain_text(kind)}[/]: {parameters[names[0]]['advice']}")
+    _show_motions(console, report["motions"])
+    say_outside(console, report["region"])
     counts = {v: sum(p["verdict"] == v for p in report["parameters"].values()) for v in _ORDER}
     console.print(", ".join(f"{count} {verdict.replace('_', ' ')}" for verdict, count in counts.items()))
+
+
+def _show_motions(console: Console, motions: dict[str, Any]) -> None:
+    """Which motions say most, in the order in which each adds most to those before it, and what all of them lack."""
+    from twin_daemon.calibration.missing_motion import WORDS
+
+    if len(motions["order"]) > 1:
+        table = slim_table(
+            "the motions that say most", ("motion", "adds nats", "all so far", "tells"), words=("motion", "tells")
+        )
+        for one in motions["order"]:
+            learns = plain_text(", ".join(one["learns"]))
+            table.add_row(plain_text(one["name"]), f"{one['gain_nats']:.1f}", f"{one['share']:.0%}", learns)
+        console.print(table)
+    for one in motions["missing"]:
+        console.print(f"[bold]{plain_text(one['joint'])}[/] lacks {', '.join(one['lacks'])}")
+    for kind in dict.fromkeys(kind for one in motions["missing"] for kind in one["lacks"]):
+        console.print(f"  {WORDS[kind]}")
 
 
 _ORDER = ("identifiable", "weak", "not_identifiable")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -11,6 +11,9 @@ from twin_daemon.cli import options
 from twin_daemon.cli.console import counted, emit_json, people, plain_text, require_folder
 from twin_daemon.tables import slim_table
 from twin_daemon.workflows.session import open_session
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 
 def command(
@@ -44,7 +47,7 @@ def command(
         require_rerun()
     session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)
     aligned = session.recordings(recording, trajectory)
-    report, comparisons = comparison_report(session.twin, aligned, session.last_promoted())
+    report, comparisons = comparison_report(session.twin, aligned, session.last_promoted(), session.region)
     report["version"] = session.version
     if plot is not None:
         from twin_daemon.figures.comparison import comparison_figure
@@ -59,6 +62,16 @@ def command(
         write_comparison(session.twin, comparisons, rrd)
     _show(report, json)
     emit_json(json, report)
+
+
+def say_outside(console: Console, region: dict[str, Any]) -> None:
+    """What of the motion a version extrapolates to."""
+    from twin_daemon.comparison.region import Outside
+
+    if region["outside"]:
+        console.print("[bold]outside of what this version has seen[/]: there it extrapolates")
+    for one in region["outside"]:
+        console.print(f"  {plain_text(str(Outside.model_validate(one)))}")
 
 
 def _show(report: dict[str, Any], json: str | None) -> None:
@@ -90,6 +103,7 @@ def _show(report: dict[str, Any], json: str | None) -> None:
         value = references[name]["mse_rad2"]
         console.print(f"  {label}: " + ("none" if value is None else f"{value:.4g} rad²"))
     console.print(f"  noise floor of the sensors: {report['noise_floor_rad2']:.2g} rad²")
+    say_outside(console, report["region"])
     for one in report["recordings"]:
         if one["onset_estimated"]:
             console.print(

@@ -15,14 +15,15 @@ from twin_daemon.comparison.compare import (
     pooled,
     raw_command_error,
 )
+from twin_daemon.comparison.region import Region, region_report
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
 
 
 def comparison_report(
-    twin: TwinModel, recordings: Sequence[Aligned], promoted: TwinModel | None
+    twin: TwinModel, recordings: Sequence[Aligned], promoted: TwinModel | None, region: Region | None = None
 ) -> tuple[dict[str, Any], list[Comparison]]:
-    """Compares all recordings with the twin and with the reference predictors."""
+    """Compares all recordings with the twin and with the reference predictors; `region` is what it was fitted in."""
     comparisons = [compare_recording(twin, r) for r in recordings]
     joints = pooled(comparisons)
     groups = {
@@ -40,6 +41,7 @@ def comparison_report(
         },
         "groups": groups,
         "joints": joints,
+        "region": region_report(twin, region, recordings),
         "recordings": [_one(c) for c in comparisons],
         **_data(comparisons),
     }

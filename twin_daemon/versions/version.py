@@ -13,6 +13,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 import twin_daemon
+from twin_daemon.comparison.region import Region
 from twin_daemon.jsonable import canonical, plain
 
 VERSION_SCHEMA = 1  # of version.json: what `Version` reads, written into each one
@@ -93,6 +94,11 @@ class Draft(_Strict):
         default={},
         description="before, after, holdout_before, holdout_after: {mse_rad2}, each one free roll-out over `joints`; "
         "given, holdout_given: of the version that this was made from, where the search began elsewhere",
+    )
+    region: Region | None = Field(
+        default=None,
+        description="what each joint went through in the recordings of its fits: position, speed and load; null where "
+        "nothing was fitted, and unknown in versions of before",
     )
     search: dict[str, Any] | None = None
     seed: int | None = None

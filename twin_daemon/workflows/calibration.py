@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from twin_daemon.workflows.data_check import warn_before_fit
 from twin_daemon.workflows.progress import progress_bar
-from twin_daemon.workflows.session import Session, held_out, known_after, used
+from twin_daemon.workflows.session import Session, held_out, known_after, region_after, used
 
 if TYPE_CHECKING:
     from twin_daemon.calibration.calibrate import Calibration
@@ -77,6 +77,7 @@ def _store(
         fitted_on=used(train),
         held_out_on=used(held),
         errors=_errors_to_keep(result),
+        region=region_after(session, twin, train),
         search={"name": search, "space": space, "budget": budget, "evaluations": result.evaluations},
         seed=seed,
     )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from twin_daemon.errors import BadInput, nearest
 from twin_daemon.places import ROBOT
 from twin_daemon.workflows.diagnosis import train_and_held
-from twin_daemon.workflows.session import Session, known_after, used
+from twin_daemon.workflows.session import Session, known_after, region_after, used
 from twin_daemon.workflows.take_over import Taken
 
 if TYPE_CHECKING:
@@ -205,5 +205,6 @@ def draft_of(
         fitted_on=used(train),
         held_out_on=used(held),
         seed=payload.get("seed"),
+        region=region_after(session, changed, train),
         errors={**{name: payload[name] for name in names if name in payload}, "joints": moving} if train else {},
     )

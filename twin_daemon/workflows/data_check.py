@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from twin_daemon.workflows.session import Session
@@ -14,10 +15,15 @@ if TYPE_CHECKING:
 def checked(session: Session, aligned: Sequence[Aligned], space: str) -> dict[str, Any]:
     """What the command writes."""
     from twin_daemon.calibration.check import advice, prospects
+    from twin_daemon.calibration.missing_motion import missing_motion
+    from twin_daemon.calibration.motion_choice import information_of, most_informative
     from twin_daemon.calibration.spaces import load_space
+    from twin_daemon.comparison.region import region_report
 
     chosen = load_space(space)
     found = prospects(session.twin, aligned, chosen)
+    names = [r.recording.name for r in aligned]
+    order = most_informative(names, information_of(session.twin, aligned, chosen))
     return {
         "hand": session.hand.name,
         "space": chosen.name,
@@ -33,6 +39,11 @@ def checked(session: Session, aligned: Sequence[Aligned], space: str) -> dict[st
             }
             for name, p in found.items()
         },
+        "motions": {
+            "order": [asdict(one) for one in order],
+            "missing": [asdict(one) for one in missing_motion(session.twin, aligned)],
+        },
+        "region": region_report(session.twin, session.region, aligned),
     }
 
 

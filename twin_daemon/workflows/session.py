@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from twin_daemon.errors import BadInput, UsageError
 
 if TYPE_CHECKING:
+    from twin_daemon.comparison.region import Region
     from twin_daemon.estimation.estimate import Correlated
     from twin_daemon.hand import Hand
     from twin_daemon.simulation.alignment import Aligned
@@ -43,6 +44,11 @@ class Session:
             motion = load_trajectory(trajectory, self.hand) if trajectory and recording.commands is None else None
             out.append(align(self.twin, recording, motion))
         return out
+
+    @property
+    def region(self) -> Region | None:
+        """What the session's version was fitted in; None where that is unknown, and for a twin that is no version."""
+        return None if self.version is None else self.store.get(self.version).region
 
     def last_promoted(self) -> TwinModel | None:
         """The twin of the promoted version; None before the first promotion."""
@@ -118,6 +124,15 @@ def used(recordings: Sequence[Aligned]) -> tuple[RecordingUsed, ...]:
     from twin_daemon.versions import RecordingUsed
 
     return tuple(RecordingUsed(name=r.recording.name, sha256=r.recording.sha256) for r in recordings)
+
+
+def region_after(session: Session, twin: TwinModel, recordings: Sequence[Aligned]) -> Region | None:
+    """What a twin was fitted in after a fit to recordings: where these leave joints still, what was known before."""
+    from twin_daemon.comparison.region import region_of
+    from twin_daemon.simulation.alignment import moving_joints
+
+    own = region_of(twin, recordings)
+    return session.region if own is None else own.beside(session.region, moving_joints(recordings))
 
 
 def known_after(
