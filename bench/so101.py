@@ -2,9 +2,9 @@
 
     python -m bench.so101 [--seconds 400] [--joints elbow_flex ...] [--choose]
 
-Each joint is diagnosed alone, every motion held out in turn; what is found is added as it is, and free roll-outs of the six others
-are compared with the nominal model's: error against nominal by motion, the worst joint, and what of the motion is outside of the region
-of the five. `--choose` computes the choice anew (some 80 s of processor time).
+Each joint is diagnosed alone, every motion held out in turn; what is found is added as it is. Free roll-outs of the six
+others are compared with the nominal model's: error against nominal by motion, the worst joint, and what of the motion
+is outside of the region of the five. `--choose` computes the choice anew (some 80 s of processor time).
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def fitted(twin: TwinModel, train: list[Aligned], joints: list[str], seconds: fl
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--seconds", type=float, default=400.0, help="at most for each joint")
     parser.add_argument("--joints", nargs="+", default=list(LOADED))
     parser.add_argument("--choose", action="store_true")
