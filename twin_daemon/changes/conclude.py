@@ -52,6 +52,7 @@ def conclude(
         verdict, reason = "not_excited", "these recordings would not have shown any change: move faster, and reverse"
     else:
         verdict, reason = "within_noise", "nothing has changed that these recordings would show"
+        reason += f"; not looked at: {', '.join(touching)}" if touching else ""
     return Since(
         verdict=verdict,
         reason=reason,

@@ -131,6 +131,12 @@ def _select(name: str, pair: Pair, start: Fit | None, price: float) -> GroupFoun
         )
         evidence[best] = gained
         chosen, found = (*chosen, best), fits[best]
+    kept, found = _needed(found, chosen, evidence, price)
+    if kept:
+        # what was the most probable one by itself, and has gone, explains the same as what has taken its place
+        first = max(kept, key=lambda i: evidence[i])
+        rivals[first] = (*rivals[first], *(i for i in chosen if i not in (*kept, *rivals[first])))
+    chosen = kept
     seen_from = _seen_from(found, price)
     return GroupFound(
         name,
@@ -145,6 +151,24 @@ def _select(name: str, pair: Pair, start: Fit | None, price: float) -> GroupFoun
         _left(without),
         _left(found),
     )
+
+
+def _needed(
+    found: Fit, chosen: tuple[int, ...], evidence: dict[int, float], price: float
+) -> tuple[tuple[int, ...], Fit]:
+    """The changes that are still needed beside the others, the fit with them, and in `evidence` what each adds there.
+
+    The first one that was taken in may have stood for what a later one explains better.
+    """
+    while len(chosen) > 1:
+        rest = {i: found.pair.fit(tuple(j for j in chosen if j != i), found) for i in chosen}
+        evidence.update({i: found.log_evidence - without.log_evidence for i, without in rest.items()})
+        least = min(chosen, key=lambda i: evidence[i])
+        asked = float(np.log(NAMED / (1.0 - NAMED))) - price
+        if evidence[least] >= max(asked, FURTHER_SHARE * max(evidence[i] for i in chosen)):
+            break
+        chosen, found = tuple(i for i in chosen if i != least), rest[least]
+    return chosen, found
 
 
 def _held_squares(found: GroupFound, held: Session) -> tuple[np.ndarray, np.ndarray]:
