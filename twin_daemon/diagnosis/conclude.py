@@ -22,6 +22,7 @@ from twin_daemon.diagnosis.verdict import (
     Trial,
     VerdictName,
 )
+from twin_daemon.effects import LIBRARY
 from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
 from twin_daemon.simulation.alignment import Aligned, predict
 from twin_daemon.simulation.twin import TwinModel
@@ -65,12 +66,19 @@ class Outcome:
     """The nominal parameters that came to lie elsewhere, beside what was found."""
     accepted: list[Accepted] = field(default_factory=list)
     tried: list[Trial] = field(default_factory=list)
+    others: list[Accepted] = field(default_factory=list)
+    """What helps as well, if less or not on held-out motion: beside a second effect one of these may be right."""
     left: float = 0.0
     within_floor: bool = False
     unfinished: bool = False
     """Whether time was over before it had been searched to the end."""
     undetectable: list[str] = field(default_factory=list)
     """Of a part within the floor the effects that its motion would not have shown, where these are many."""
+
+    @property
+    def names(self) -> set[str]:
+        """Of what was accepted."""
+        return {one.hypothesis.name for one in self.accepted}
 
     @property
     def unknown(self) -> float:
@@ -105,7 +113,7 @@ def conclude(
 ) -> Diagnosis:
     """`shared` are findings of several groups together, after which these are within the floor."""
     findings = [*shared, *(_finding(item, o.unknown) for o in outcomes for item in o.accepted)]
-    findings.sort(key=lambda f: -f.evidence_nats)
+    findings = _ranked(findings)
     # of what was not searched to the end nobody can say how probable a law is that is not in the library
     finished = not any(o.unfinished for o in outcomes)
     probabilities = combined(_causes(outcomes, shared_posterior), [o.unknown for o in outcomes]) if finished else ()
@@ -169,6 +177,19 @@ def conclude(
         interrupted=interrupted,
         notes=tuple(f"{name} was left out: it touches something nearly all the time" for name in touching),
     )
+
+
+def _ranked(findings: Sequence[Finding]) -> list[Finding]:
+    """By evidence; of those at the same joints what the model lacks comes before a number of its own that is off.
+
+    A weaker servo with play is a joint with play first: no other value of the model's numbers would do.
+    """
+
+    def key(finding: Finding) -> tuple[float, bool, float]:
+        beside = [other.evidence_nats for other in findings if set(other.joints) & set(finding.joints)]
+        return -max(beside), LIBRARY[finding.effect].competes_with is not None, -finding.evidence_nats
+
+    return sorted(findings, key=key)
 
 
 def _causes(outcomes: Sequence[Outcome], shared: Mapping[str, float] | None) -> list[Mapping[str, float]]:

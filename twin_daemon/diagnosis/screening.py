@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from twin_daemon.diagnosis.candidates import Hypothesis, hypotheses, informed
-from twin_daemon.diagnosis.fit import FirstFit, Start, own_columns
+from twin_daemon.diagnosis.fit import FirstFit, Fit, Start, own_columns
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.thresholds import DECISIVE_NATS, FURTHEST_ALONG, MOST_OF_EXCESS, SCREENED_S
 from twin_daemon.errors import BadInput
@@ -99,6 +99,11 @@ class Screening:
         """What the nuisances alone reach from one of their points, to first order."""
         found = self._anchors[anchor]
         return found.left(found.basis())[0]
+
+    def cost_of(self, fit: Fit) -> float:
+        """What a fit of the part leaves of the motion that is screened."""
+        rows = self._screened_of(fit.problem).residuals(fit.point[None])[0]
+        return float(rows @ rows)
 
     @property
     def floor_cost(self) -> float:

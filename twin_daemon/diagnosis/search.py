@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin_daemon.diagnosis.conclude import Outcome, conclude, forced_nuisances, nothing_moves
+from twin_daemon.diagnosis.conclude import Accepted, Outcome, conclude, forced_nuisances, nothing_moves
 from twin_daemon.diagnosis.fit import Fit
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.power import undetectable
 from twin_daemon.diagnosis.screening import Screening
-from twin_daemon.diagnosis.selection import Say, next_effect, swap_rivals
+from twin_daemon.diagnosis.selection import Say, decisive, next_effect, swap_rivals
 from twin_daemon.diagnosis.shared import Shared, SharedCause, SharedSearch, at_nominal, look, shared_causes
 from twin_daemon.diagnosis.thresholds import (
     CLOSER_LOOK,
@@ -325,19 +325,61 @@ def _within_floor(part: PartFit, reduced: Reduced, seed: int, say: Say, *, seen:
 
 
 def _search(part: PartFit, reduced: Reduced, seed: int, say: Say, most_effects: int, limit: TimeLimit) -> Outcome:
+    """What a part lacks: one effect after another; where that ends above the floor, from another beginning as well.
+
+    What two causes do together may look most like a third: play in a servo that often saturates passes for dry
+    friction, and beside dry friction neither of the two has anything left to explain.
+    """
+    found = _one_after_another(part, reduced, None, seed, say, most_effects, limit)
+    other_beginnings = [one for one in found.others if one.hypothesis.name not in found.names]
+    if found.left <= 1.0 or found.unfinished or most_effects < 2 or not other_beginnings:
+        return found
+    last = (found.accepted or other_beginnings)[-1].fit
+    reached = {one.hypothesis.name: part.evidence_nats(last) for one in found.accepted[:1]}
+    for begun in other_beginnings:
+        say(f"  once more, with {begun.hypothesis.name} first")
+        other = _one_after_another(part, reduced, begun, seed, say, most_effects, limit, against=last)
+        other.tried = [*found.tried, *other.tried]
+        reached[begun.hypothesis.name] = part.evidence_nats(other.accepted[-1].fit)
+        if other.left <= 1.0 and reached[begun.hypothesis.name] > part.evidence_nats(last) + decisive(last):
+            first = other.accepted[0]
+            # each beginning is worth what it has come to with what was found beside it
+            other.accepted[0] = replace(first, weighed={**first.weighed, **reached}, decisive_nats=decisive(first.fit))
+            return other
+        found.tried, found.unfinished = other.tried, other.unfinished
+        if found.unfinished:
+            break
+    return found
+
+
+def _one_after_another(
+    part: PartFit,
+    reduced: Reduced,
+    begun: Accepted | None,
+    seed: int,
+    say: Say,
+    most_effects: int,
+    limit: TimeLimit,
+    *,
+    against: Fit | None = None,
+) -> Outcome:
+    """Effects until a part is at the floor, or none helps; with the first one given, if it has `begun`.
+
+    What is to stand `against` another fit of the part is given up where it does not promise to leave much less.
+    """
     outcome = _begun(reduced, part)
     validation = Validation(part, reduced.holdout, seed=seed)
     outcome.left = validation.judge(part.base).adequacy
-    first = part
+    first, step = part, begun
     for _ in range(most_effects):
         try:
-            step = next_effect(part, validation, say, outcome, limit)
+            limit.check()
+            if step is None:
+                step = next_effect(part, validation, say, outcome, limit, against=against)
         except OutOfTime:
             outcome.unfinished = True
             break
-        if step is None:
-            break
-        if _is_refinement(first, part, step.fit, outcome):
+        if step is None or _is_refinement(first, part, step.fit, outcome):
             break
         outcome.accepted.append(step)
         outcome.left = step.judged.adequacy
@@ -358,7 +400,7 @@ def _search(part: PartFit, reduced: Reduced, seed: int, say: Say, most_effects: 
         say(f"  with {named}: {settled.base.chi_square:.1f} times the floor, {outcome.left:.1f} held out")
         if outcome.left <= 1.0 and not outcome.deviating:
             break  # a nuisance that is far off may be another effect at work
-        part = settled
+        part, step = settled, None
     return outcome
 
 

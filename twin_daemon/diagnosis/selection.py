@@ -21,6 +21,7 @@ from twin_daemon.diagnosis.thresholds import (
     FINALISTS,
     FULL_FIT_ROLLOUTS,
     LEAST_RACING,
+    MOST_OF_IT,
     OTHERS_STARTS,
     OWNERS_STARTS,
     RACE_ROLLOUTS,
@@ -36,8 +37,20 @@ Say = Callable[[str], None]
 """Called with one line whenever a candidate has been judged."""
 
 
-def next_effect(part: PartFit, validation: Validation, say: Say, outcome: Outcome, limit: TimeLimit) -> Accepted | None:
-    """One more effect for a part: the best that passes held-out validation, and what it cannot be told from."""
+def next_effect(
+    part: PartFit,
+    validation: Validation,
+    say: Say,
+    outcome: Outcome,
+    limit: TimeLimit,
+    *,
+    against: Fit | None = None,
+) -> Accepted | None:
+    """One more effect for a part: the best that passes held-out validation, and what it cannot be told from.
+
+    Where it has to stand `against` a fit of the same motion, none is fitted in full unless a first fit takes most of
+    what that one leaves away.
+    """
     limit.check()
     screening = Screening(part)
     chosen = _shortlist(screening, part, outcome)
@@ -55,6 +68,8 @@ def next_effect(part: PartFit, validation: Validation, say: Say, outcome: Outcom
             outcome.tried.append(_lost(first.hypothesis, gain, _TAKES_LITTLE))
         return None
     if not first_fits:
+        return None
+    if against is not None and first_fits[0].cost > MOST_OF_IT * screening.cost_of(against):
         return None
     within = [first for first in first_fits if first.cost < COMPARABLE * first_fits[0].cost + screening.floor_cost]
     # where nuisances reach the floor, costs differ by less than a first fit is good for
@@ -77,6 +92,7 @@ def next_effect(part: PartFit, validation: Validation, say: Say, outcome: Outcom
     best: Accepted | None = None
     simpler: Accepted | None = None
     rivals: list[Accepted] = []
+    others: list[Accepted] = []
     best_evidence = 0.0
     for evidence, fit in fits:
         hypothesis = fit.hypothesis
@@ -104,9 +120,13 @@ def next_effect(part: PartFit, validation: Validation, say: Say, outcome: Outcom
             reason = "the data do not tell it from the best candidate"
         else:
             reason = f"explains less: {best_evidence - evidence:.0f} nats behind"
+        if evidence > DECISIVE_NATS and stands_out(fit):
+            others.append(Accepted(part, fit, judged))
         mse = float(np.mean([(r**2).mean() for r in fit.problem.joint_residuals(fit.point[None])]))
         held = judged.mse_after
         outcome.tried.append(_lost(hypothesis, evidence, reason, mse, held))
+    if not outcome.accepted:
+        outcome.others = [replace(one, weighed=weighed, decisive_nats=decisive(one.fit)) for one in others]
     if best is None:
         return None
     right = next((rival for rival in rivals if rival.judged.adequate), None)
@@ -270,7 +290,8 @@ def swap_rivals(
         most = max(range(len(choices)), key=evidence.__getitem__)
         bar = evidence[most] - decisive(fits[most][index])
         tied = [i for i, nats in enumerate(evidence) if i == most or nats > bar]
-        best = min(tied, key=lambda i: (is_idle(fits[i][index]), -evidence[i]))
+        limits = {i for i, j in permutations(tied, 2) if choices[i].hypothesis.is_limit_of(choices[j].hypothesis)}
+        best = min(tied, key=lambda i: (is_idle(fits[i][index]), -evidence[i], i in limits))
         close = tuple(choices[i] for i in tied if i != best)
         moved = evidence[0] - item.weighed[item.hypothesis.name]  # all others as far behind it as they were
         weighed = {name: nats + moved for name, nats in item.weighed.items()}
