@@ -7,28 +7,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin_daemon.diagnosis.conclude import Accepted, Outcome, conclude, forced_nuisances, nothing_moves
-from twin_daemon.diagnosis.fit import Fit
+from twin_daemon.diagnosis.conclude import Outcome, conclude, forced_nuisances, nothing_moves
 from twin_daemon.diagnosis.part_fit import PartFit
+from twin_daemon.diagnosis.part_search import begun_outcome, deviating, search_part
 from twin_daemon.diagnosis.power import undetectable
 from twin_daemon.diagnosis.screening import Screening
-from twin_daemon.diagnosis.selection import Say, decisive, next_effect, swap_rivals
+from twin_daemon.diagnosis.selection import Say
 from twin_daemon.diagnosis.shared import Shared, SharedCause, SharedSearch, at_nominal, look, shared_causes
 from twin_daemon.diagnosis.thresholds import (
     CLOSER_LOOK,
     DEVIATING_SIGMA,
-    FULL_FIT_ROLLOUTS,
     MOST_EFFECTS,
-    MOST_OF_IT,
     OF_ALL_LEFT,
-    REFINEMENT,
 )
 from twin_daemon.diagnosis.validation import Validation
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding
 from twin_daemon.effects import LIBRARY
 from twin_daemon.estimation.nuisances import NOMINAL_KINDS
 from twin_daemon.estimation.partition import Reduced, Reduction
-from twin_daemon.estimation.variables import EffectVariable
 from twin_daemon.executor import OutOfTime, TimeLimit, concurrently
 from twin_daemon.places import ROBOT
 from twin_daemon.simulation.alignment import Aligned, moving_joints
@@ -79,6 +75,8 @@ def diagnose(
             reduction = reduction.with_link_masses(twin)
             again = [reduction.together(twin, [reduced]) for reduced, _ in above]
             above = _above(concurrently(look, [r for r in again if r is not None]), outcomes, seed, say)
+        else:
+            above = [look(reduced) if part.nominal else (reduced, part) for reduced, part in above]
         if len(above) > 1:
             shared = _shared(twin, reduction, above, len(looked_at), limit, seed, say)
         elif not above and shared is None:
@@ -87,7 +85,7 @@ def diagnose(
             theirs = {part.joints for _, part in shared.looked_at}
             outcomes = [outcome for outcome in outcomes if outcome.joints not in theirs]
             for reduced, part in shared.looked_at:
-                outcomes.append(replace(_begun(reduced, part), within_floor=True))
+                outcomes.append(replace(begun_outcome(reduced, part), within_floor=True))
             rest = [reduced for reduced, part in begun if part.joints not in theirs]
             finding, doubtful = _everywhere(shared.finding, rest, outcomes, seed, say)
             findings.append(finding)
@@ -100,7 +98,7 @@ def diagnose(
     judged = {joint for outcome in outcomes for joint in outcome.joints}
     for reduced, part in above:
         if not judged & set(reduced.joints):
-            outcomes.append(replace(_begun(reduced, part), unfinished=True))
+            outcomes.append(replace(begun_outcome(reduced, part), unfinished=True))
     interrupted = interrupted or any(outcome.unfinished for outcome in outcomes)
     shares = shared.posterior if shared is not None else None
     return conclude(twin, train, outcomes, touching, interrupted, findings, shares)
@@ -288,13 +286,7 @@ class _Hunt:
         return _above(looked_at, self.outcomes, self.seed, self.say, seen=True)
 
     def _searched(self, part: PartFit, reduced: Reduced) -> Outcome:
-        return _search(part, reduced, self.seed, self.say, self.most_effects, self.limit)
-
-
-def _begun(reduced: Reduced, part: PartFit) -> Outcome:
-    """What a group says before any effect was looked for."""
-    worst = float(part.times_floor.max())
-    return Outcome(reduced.name, part.joints, worst, _deviating(part), part.moved)
+        return search_part(part, reduced, self.seed, self.say, self.most_effects, self.limit)
 
 
 def _within_floor(part: PartFit, reduced: Reduced, seed: int, say: Say, *, seen: bool) -> Outcome | None:
@@ -302,10 +294,9 @@ def _within_floor(part: PartFit, reduced: Reduced, seed: int, say: Say, *, seen:
 
     `seen` says that another one has moved richly enough for the robot to be called sound.
     """
-    outcome = _begun(reduced, part)
-    deviating = outcome.deviating
+    outcome = begun_outcome(reduced, part)
     said = f"{', '.join(part.joints)}: {part.times_floor.max():.1f} times the floor, nominal values being uncertain"
-    if not part.within_floor or deviating:
+    if not part.within_floor or outcome.deviating:
         say(said)
         return None
     validation = Validation(part, reduced.holdout, seed=seed)
@@ -324,86 +315,6 @@ def _within_floor(part: PartFit, reduced: Reduced, seed: int, say: Say, *, seen:
     return None
 
 
-def _search(part: PartFit, reduced: Reduced, seed: int, say: Say, most_effects: int, limit: TimeLimit) -> Outcome:
-    """What a part lacks: one effect after another; where that ends above the floor, from another beginning as well.
-
-    What two causes do together may look most like a third: play in a servo that often saturates passes for dry
-    friction, and beside dry friction neither of the two has anything left to explain.
-    """
-    found = _one_after_another(part, reduced, None, seed, say, most_effects, limit)
-    other_beginnings = [one for one in found.others if one.hypothesis.name not in found.names]
-    if found.left <= 1.0 or found.unfinished or most_effects < 2 or not other_beginnings:
-        return found
-    last = (found.accepted or other_beginnings)[-1].fit
-    reached = {one.hypothesis.name: part.evidence_nats(last) for one in found.accepted[:1]}
-    for begun in other_beginnings:
-        say(f"  once more, with {begun.hypothesis.name} first")
-        other = _one_after_another(part, reduced, begun, seed, say, most_effects, limit, against=last)
-        other.tried = [*found.tried, *other.tried]
-        reached[begun.hypothesis.name] = part.evidence_nats(other.accepted[-1].fit)
-        if other.left <= 1.0 and reached[begun.hypothesis.name] > part.evidence_nats(last) + decisive(last):
-            first = other.accepted[0]
-            # each beginning is worth what it has come to with what was found beside it
-            other.accepted[0] = replace(first, weighed={**first.weighed, **reached}, decisive_nats=decisive(first.fit))
-            return other
-        found.tried, found.unfinished = other.tried, other.unfinished
-        if found.unfinished:
-            break
-    return found
-
-
-def _one_after_another(
-    part: PartFit,
-    reduced: Reduced,
-    begun: Accepted | None,
-    seed: int,
-    say: Say,
-    most_effects: int,
-    limit: TimeLimit,
-    *,
-    against: Fit | None = None,
-) -> Outcome:
-    """Effects until a part is at the floor, or none helps; with the first one given, if it has `begun`.
-
-    What is to stand `against` another fit of the part is given up where it does not promise to leave much less.
-    """
-    outcome = _begun(reduced, part)
-    validation = Validation(part, reduced.holdout, seed=seed)
-    outcome.left = validation.judge(part.base).adequacy
-    first, step = part, begun
-    for _ in range(most_effects):
-        try:
-            limit.check()
-            if step is None:
-                step = next_effect(part, validation, say, outcome, limit, against=against)
-        except OutOfTime:
-            outcome.unfinished = True
-            break
-        if step is None or _is_refinement(first, part, step.fit, outcome):
-            break
-        outcome.accepted.append(step)
-        outcome.left = step.judged.adequacy
-        if len(outcome.accepted) > 1:
-            joint = first.together([found.fit for found in outcome.accepted], FULL_FIT_ROLLOUTS)
-            outcome.accepted = [replace(a, fit=fit) for a, fit in zip(outcome.accepted, joint, strict=True)]
-            outcome.accepted = swap_rivals(first, outcome.accepted, FULL_FIT_ROLLOUTS)
-        fits = [found.fit for found in outcome.accepted]
-        terms = first.twin.terms
-        for found in outcome.accepted:
-            terms = terms.with_effect(found.hypothesis.term(found.fit.values))
-        settled = PartFit(first.twin.changed(terms), part.recordings, part.joints, after=fits[-1], found=fits)
-        # beside the effect the nuisances have gone back to where they belong: judged once more as it stands
-        validation = Validation(settled, reduced.holdout, seed=seed, first=validation)
-        outcome.left = min(outcome.left, validation.judge(settled.base).adequacy)
-        outcome.deviating, outcome.moved = _deviating(settled), settled.moved
-        named = ", ".join(found.hypothesis.name for found in outcome.accepted)
-        say(f"  with {named}: {settled.base.chi_square:.1f} times the floor, {outcome.left:.1f} held out")
-        if outcome.left <= 1.0 and not outcome.deviating:
-            break  # a nuisance that is far off may be another effect at work
-        part, step = settled, None
-    return outcome
-
-
 def _by_parameters(reduced: Reduced, validation: Validation, seed: int) -> bool:
     """Whether parameters within their uncertainty explain the held-out motion as well: fitted to the end, or to all.
 
@@ -412,38 +323,6 @@ def _by_parameters(reduced: Reduced, validation: Validation, seed: int) -> bool:
     for recordings in (reduced.train, [*reduced.train, *reduced.holdout]):
         part = PartFit(reduced.twin, recordings, reduced.joints, thoroughly=True)
         left = Validation(part, reduced.holdout, seed=seed, first=validation).judge(part.base).adequacy
-        if part.within_floor and left <= 1.0 and not _deviating(part):
+        if part.within_floor and left <= 1.0 and not deviating(part):
             return True
     return False
-
-
-def _is_refinement(first: PartFit, part: PartFit, fit: Fit, outcome: Outcome) -> bool:
-    """Whether a further effect only bends the law of one that has been found at the same place.
-
-    A second cause takes a part of the first error away, or most of what the first has left, or brings a nuisance back
-    that has to be further off than any plausible hand without it. Where the first is right already but for a nuisance
-    that is somewhat far off, only an effect at another place is a second cause.
-    """
-    joints = _judged_joints(part, fit)
-    if not any(joints & _judged_joints(earlier.part, earlier.fit) for earlier in outcome.accepted):
-        return False
-    forced = [name for name, _ in forced_nuisances(outcome)]
-    if any(abs(fit.deviations.get(name, 0.0)) < DEVIATING_SIGMA for name in forced):
-        return False
-    if outcome.left <= 1.0 and not forced:
-        return True
-    gained = part.base.cost - fit.cost
-    return gained < REFINEMENT * first.base.cost and gained < MOST_OF_IT * part.base.cost
-
-
-def _judged_joints(part: PartFit, fit: Fit) -> set[str]:
-    """The joints that an effect acts on; for the whole hand all of the part's."""
-    group = part.group_of(fit.hypothesis.target) if fit.hypothesis else None
-    return set(part.joints) if group is None else set(group)
-
-
-def _deviating(part: PartFit) -> dict[str, float]:
-    """The nuisances that are too far from their priors to be nuisances, in sigma."""
-    values = {variable.name for variable in part.variables if isinstance(variable, EffectVariable)}
-    deviations = part.base.deviations.items()
-    return {name: sigma for name, sigma in deviations if name not in values and abs(sigma) > DEVIATING_SIGMA}

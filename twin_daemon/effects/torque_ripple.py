@@ -13,6 +13,8 @@ from twin_daemon.effects.edits import add_passive_motor
 _FEWEST, _MOST = 3.0, 120.0  # waves a turn that are looked for
 _LEAST_TRAVEL_RAD = 0.2
 _PEAKS = 4
+_SNAPS = 2  # of them that are tried as strong ones too
+_SNAPPING = 3.0  # times the height that shows: steeper than the servo, a wave is jumped over for the most part
 
 
 class TorqueRipple(Effect):
@@ -45,7 +47,8 @@ class TorqueRipple(Effect):
     def suggested(self, scale: Scale, angle: np.ndarray, gap: np.ndarray) -> tuple[dict[str, float], ...]:
         """The highest peaks of the gap's least-squares spectrum over the angle (Lomb 1976).
 
-        The servo is a spring, so that a torque shows as its part of the stiffness, wherever motion is slow.
+        The servo is a spring, so that a torque shows as its part of the stiffness, wherever motion is slow. Where a
+        wave is steeper than that spring, the joint snaps from one valley to the next and hardly shows what is between.
         """
         limit = 3.0 * float(np.median(np.abs(gap - np.median(gap)))) + 1e-9
         gap = np.clip(gap - np.median(gap), -limit, limit)
@@ -63,7 +66,11 @@ class TorqueRipple(Effect):
         beside = np.pad(size, 1)
         peaks = np.flatnonzero((size >= beside[:-2]) & (size >= beside[2:]))
         best = peaks[np.argsort(-size[peaks])][:_PEAKS]
-        return tuple({"amplitude": scale.kp * found[i][0], "phase": found[i][1], "periods": found[i][2]} for i in best)
+        times = [(i, 1.0) for i in best] + [(i, _SNAPPING) for i in best[:_SNAPS]]
+        return tuple(
+            {"amplitude": more * scale.kp * found[i][0], "phase": found[i][1], "periods": found[i][2]}
+            for i, more in times
+        )
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
         weak = 0.01 * scale.kp
