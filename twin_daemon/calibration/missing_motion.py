@@ -14,17 +14,18 @@ import numpy as np
 
 from twin_daemon.comparison.conditions import directions, smooth_speed
 from twin_daemon.comparison.region import quantities, static_load
+from twin_daemon.estimation.thresholds import (
+    FELT_LOAD_RAD,
+    HELD_S,
+    LEAST_REVERSALS,
+    LOAD_POSES,
+    LOADED_SHARE,
+    TWO_LOADS,
+    TWO_SPEEDS,
+)
 from twin_daemon.simulation.alignment import MOVING_RAD, Aligned, moving_joints
 from twin_daemon.simulation.turns import turning_points
 from twin_daemon.simulation.twin import TwinModel
-
-_POSES = 400  # at random within the joints' ranges: what gravity can load a joint with at all
-_LOADED_SHARE = 0.5  # of that range, from which on a joint has been loaded
-_FELT_RAD = 1e-3  # a load that bends the servo by less than a sensor reads is none
-_SPEED_RATIO = 3.0  # between the fast and the slow tenth of the moving samples: two speeds, not one that varies
-_REVERSALS = 6  # three there and back: of fewer, chance decides what is play and what is friction
-_HOLD_S = 0.5  # a servo has come to rest by then
-_LOAD_STEP = 0.25  # of the range of loads: two loads are so far apart
 
 WORDS = {
     "load": "load: let gravity pull at it from more of its range, or give it something to hold",
@@ -55,13 +56,13 @@ def missing_motion(twin: TwinModel, recordings: Sequence[Aligned]) -> list[Missi
                 found.append(Missing(joint, tuple(WORDS)))
             continue
         load = np.concatenate([one["load"][:, column] for one in seen])
-        felt = possible[column] > _FELT_RAD * max(twin.scale(joint).kp, 0.0)
+        felt = possible[column] > FELT_LOAD_RAD * max(twin.scale(joint).kp, 0.0)
         lacks = []
-        if felt and np.nanmax(load) - np.nanmin(load) < _LOADED_SHARE * possible[column]:
+        if felt and np.nanmax(load) - np.nanmin(load) < LOADED_SHARE * possible[column]:
             lacks.append("load")
         if not _two_speeds([r for r in recordings if r.moving[column]], column):
             lacks.append("speed")
-        if sum(_reversals(r, column) for r in recordings) < _REVERSALS:
+        if sum(_reversals(r, column) for r in recordings) < LEAST_REVERSALS:
             lacks.append("reversals")
         if not _held_from_both_sides(twin, recordings, column, possible[column] if felt else None):
             lacks.append("holds")
@@ -75,7 +76,7 @@ def _possible_load(twin: TwinModel) -> np.ndarray:
     low, high = twin.model.jnt_range[twin.model.dof_jntid[twin.dof_adr]].T
     limited = high > low
     low, high = np.where(limited, low, -np.pi), np.where(limited, high, np.pi)
-    poses = np.random.default_rng(0).uniform(low, high, (_POSES, len(twin.joints)))
+    poses = np.random.default_rng(0).uniform(low, high, (LOAD_POSES, len(twin.joints)))
     return np.ptp(static_load(twin, poses), axis=0)
 
 
@@ -85,7 +86,7 @@ def _two_speeds(recordings: Sequence[Aligned], column: int) -> bool:
     if moving.size < 2:
         return False
     slow, fast = np.quantile(moving, [0.1, 0.9])
-    return bool(fast > _SPEED_RATIO * slow)
+    return bool(fast > TWO_SPEEDS * slow)
 
 
 def _reversals(recording: Aligned, column: int) -> int:
@@ -98,7 +99,7 @@ def _held_from_both_sides(twin: TwinModel, recordings: Sequence[Aligned], column
     holds = np.array([hold for recording in recordings for hold in _holds(twin, recording, column)]).reshape(-1, 2)
     if possible is None:
         return {-1.0, 1.0} <= set(holds[:, 0])
-    bins = np.floor(holds[:, 1] / (_LOAD_STEP * possible))
+    bins = np.floor(holds[:, 1] / (TWO_LOADS * possible))
     return sum({-1.0, 1.0} <= set(holds[bins == one, 0]) for one in np.unique(bins)) >= 2
 
 
@@ -112,7 +113,7 @@ def _holds(twin: TwinModel, recording: Aligned, column: int) -> list[tuple[float
     moved = np.flatnonzero(np.abs(change) > 1e-4)
     found = []
     for begin, end in zip(moved, [*moved[1:], len(command) - 1], strict=True):
-        if recording.time_s[end] - recording.time_s[begin] < _HOLD_S:
+        if recording.time_s[end] - recording.time_s[begin] < HELD_S:
             continue
         pose = recording.states[max(begin, end - 1)]
         if not np.isfinite(pose[column]):

@@ -15,13 +15,11 @@ import numpy as np
 
 from twin_daemon.calibration.spaces import Space, objective_of, variables_of
 from twin_daemon.estimation.subproblems import reduced_problems
-from twin_daemon.estimation.thresholds import BOX_INFORMATION, MODEL_ERROR_RAD
+from twin_daemon.estimation.thresholds import BOX_INFORMATION, MODEL_ERROR_RAD, MOTIONS_NAMED
 from twin_daemon.estimation.uncertainty import information_by_recording
 from twin_daemon.estimation.windows import excerpts
 from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.twin import TwinModel
-
-_NAMED = 4  # parameters that a motion is the first to tell
 
 
 @dataclass(frozen=True)
@@ -121,4 +119,4 @@ def _learned(
         sigmas = [np.sqrt(np.diag(np.linalg.inv(part))) for part in (old, new)]
         ratios += zip(own, sigmas[1] / sigmas[0], strict=True)
     ratios.sort(key=lambda item: item[1])
-    return tuple(name for name, ratio in ratios[:_NAMED] if ratio < 0.9)
+    return tuple(name for name, ratio in ratios[:MOTIONS_NAMED] if ratio < 0.9)

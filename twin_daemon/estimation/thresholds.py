@@ -167,3 +167,16 @@ WORTH = Threshold(2e-4, "1", "of the cost: a step that promises less is the last
 PATTERN_FIRST = Threshold(0.04, "1", "of a value: first step of the pattern search across corners of dry friction")
 PATTERN_LAST = Threshold(0.005, "1", "of a value: its last step")
 LOG_SIZE = Threshold(0.1, "1", "of the range: what counts as the size of a logarithmic variable")
+
+# -- what a set of motions lacks -----------------------------------------------------------------------------
+
+LOAD_POSES = Count(400, "poses", "at random within the joints' ranges: what gravity can load a joint with at all")
+LOADED_SHARE = Threshold(0.5, "1", "of that range, from which on a joint has been loaded")
+FELT_LOAD_RAD = Threshold(1e-3, "rad", "by which a load has to bend a servo: less than a sensor reads is none")
+TWO_SPEEDS = Threshold(
+    3.0, "1", "between the fast and the slow tenth of the moving samples: two speeds, not one that varies"
+)
+LEAST_REVERSALS = Count(6, "turns", "three there and back: of fewer, chance decides what is play and what is friction")
+HELD_S = Threshold(0.5, "s", "at one place, after which a servo has come to rest")
+TWO_LOADS = Threshold(0.25, "1", "of the range of loads: two loads are so far apart")
+MOTIONS_NAMED = Count(4, "parameters", "named for a motion, of those that it is the first to tell")
