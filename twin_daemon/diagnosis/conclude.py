@@ -56,7 +56,10 @@ class Accepted:
 
 @dataclass
 class Outcome:
-    """What one part said. `left` is the adequacy on held-out motion after the accepted findings."""
+    """What one part said. `left` is the adequacy on held-out motion after the accepted findings.
+
+    Where they leave more than that of the fitted motion, it is what they leave there.
+    """
 
     name: str
     joints: tuple[str, ...]

@@ -122,19 +122,22 @@ class PartFit:
         A descent ends where little is left to gain, not at the last tenth of a sigma.
         """
         problem = self.problem
-        sigmas = problem.prior_residuals(found.point[None])[0]
-        off = np.abs(sigmas)
+        off = np.abs(problem.prior_residuals(found.point[None])[0])
         if not DEVIATING_SIGMA < off.max(initial=0.0) < HARDLY_FURTHER * DEVIATING_SIGMA:
             return found
-        nearer = found.point.copy()
-        own = np.flatnonzero([variable.prior is not None for variable in problem.variables])
-        steps = np.diag(problem.prior_slopes()[:, own])
-        excess = np.sign(sigmas) * np.maximum(off - DEVIATING_SIGMA, 0.0)
-        nearer[own] -= 1.01 * excess / np.where(steps == 0.0, np.inf, steps)
-        rows = problem.residuals(np.clip(nearer, 0.0, 1.0)[None])[0]
-        if rows @ rows > found.rows @ found.rows + 2.0:
-            return found
-        return replace(found, point=np.clip(nearer, 0.0, 1.0), rows=rows)
+        point = self.nearer(found.point)
+        rows = problem.residuals(point[None])[0]
+        return found if rows @ rows > found.rows @ found.rows + 2.0 else replace(found, point=point, rows=rows)
+
+    def nearer(self, point: np.ndarray) -> np.ndarray:
+        """(p,) a point (p,) with all nuisances that are further off than one may be brought back to there."""
+        sigmas = self.problem.prior_residuals(point[None])[0]
+        own = np.flatnonzero([variable.prior is not None for variable in self.problem.variables])
+        steps = np.diag(self.problem.prior_slopes()[:, own])
+        excess = np.sign(sigmas) * np.maximum(np.abs(sigmas) - DEVIATING_SIGMA, 0.0)
+        moved = point.copy()
+        moved[own] -= 1.01 * excess / np.where(steps == 0.0, np.inf, steps)
+        return np.clip(moved, 0.0, 1.0)
 
     def _settled(self, point: np.ndarray, slopes: np.ndarray | None) -> Descent:
         """The nuisances alone descended from a point (p,), until another round gains little."""

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from twin_daemon.diagnosis.conclude import Accepted, Outcome, forced_nuisances
 from twin_daemon.diagnosis.fit import Fit
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.selection import Say, decisive, next_effect, swap_rivals
 from twin_daemon.diagnosis.thresholds import DEVIATING_SIGMA, FULL_FIT_ROLLOUTS, MOST_OF_IT, REFINEMENT
-from twin_daemon.diagnosis.validation import Validation
+from twin_daemon.diagnosis.validation import Validation, most_left
 from twin_daemon.estimation.partition import Reduced
 from twin_daemon.estimation.variables import EffectVariable
 from twin_daemon.executor import OutOfTime, TimeLimit
@@ -79,7 +81,7 @@ def _one_after_another(
     outcome = begun_outcome(reduced, part)
     validation = Validation(part, reduced.holdout, seed=seed)
     outcome.left = validation.judge(part.base).adequacy
-    first, step = part, begun
+    first, settled, step = part, part, begun
     for _ in range(most_effects):
         try:
             limit.check()
@@ -104,13 +106,32 @@ def _one_after_another(
         # beside the effect the nuisances have gone back to where they belong: judged once more as it stands
         validation = Validation(settled, reduced.holdout, seed=seed, first=validation)
         outcome.left = min(outcome.left, validation.judge(settled.base).adequacy)
+        allowed = most_left(first, first.times_floor)
+        fitted = float((np.minimum(settled.times_floor, fits[-1].problem.times_floor(fits[-1].point)) / allowed).max())
+        if fitted > 1.0:
+            # motion that hardly shows what is missing is predicted well by any law
+            outcome.left = max(outcome.left, fitted)
         outcome.deviating, outcome.moved = deviating(settled), settled.moved
         named = ", ".join(found.hypothesis.name for found in outcome.accepted)
         say(f"  with {named}: {settled.base.chi_square:.1f} times the floor, {outcome.left:.1f} held out")
         if outcome.left <= 1.0 and not outcome.deviating:
             break  # a nuisance that is far off may be another effect at work
         part, step = settled, None
+    if outcome.accepted and forced_nuisances(outcome):
+        outcome.deviating = _needed(settled, most_left(first, first.times_floor))
     return outcome
+
+
+def _needed(settled: PartFit, allowed: np.ndarray) -> dict[str, float]:
+    """The nuisances that are far off, without those that need not be: laws differ in form, and these take that up.
+
+    Brought back to where they may be, they leave no more than `allowed` (k,) floors, what a right law may.
+    """
+    found = deviating(settled)
+    if (settled.problem.times_floor(settled.nearer(settled.base.point)) > allowed).any():
+        return found
+    moved = {variable.name for variable in settled.variables}
+    return {name: sigma for name, sigma in found.items() if name not in moved}
 
 
 def _is_refinement(first: PartFit, part: PartFit, fit: Fit, outcome: Outcome) -> bool:

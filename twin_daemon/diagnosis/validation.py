@@ -191,6 +191,15 @@ class Validation:
         return {name: np.maximum(ADEQUATE_FLOORS, share * np.minimum(own, most)) for name, own in left.items()}
 
 
+def most_left(part: PartFit, before: np.ndarray) -> np.ndarray:
+    """(k,) floors that a right model may leave of each joint, by what the part leaves `before` (k,) any effect.
+
+    Of joints at which something is missing a share, since laws differ in form; of the others no more than before.
+    """
+    share = np.array([RELATIVE_ERROR if joint in part.suspects else AS_BEFORE for joint in part.joints])
+    return np.maximum(ADEQUATE_FLOORS, share * before)
+
+
 def _without_stand_in(part: PartFit, owned: set[str]) -> Fit:
     variables = part.base.problem.variables
     start = part.base.problem.start
