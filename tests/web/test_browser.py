@@ -77,6 +77,7 @@ def test_the_story(workbench: Any, processes: Twin, browser: Browser, worn: Path
 
     tab.until(f"{shown('presence')} === 'following'", 60.0)
     tab.until(f"Number({mark('frames')}) > 20", 60.0)
+    tab.until("document.querySelector('#strips canvas') !== null", 60.0)
     before = tab.run("document.querySelector('#strips canvas').toDataURL()")
     tab.until(f"document.querySelector('#strips canvas').toDataURL() !== {json.dumps(before)}")
     rows = "[...document.querySelectorAll('#joints tr')].map((row) => [...row.children].map((one) => one.textContent))"
