@@ -10,6 +10,8 @@ import numpy as np
 from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Story
 from twin_daemon.effects.edits import add_joint_tendon
 
+_EDGES = (0.05, 0.95)  # of the samples: a joint that stands at a stop does so for more than a twentieth of them
+_STIFF = 4.0  # times the servo's stiffness
 _BEGINNINGS = np.arange(0.05, 1.0, 0.05)  # quantiles of the angle at which a stop may begin
 
 
@@ -63,7 +65,11 @@ class JointStop(Effect):
         )
 
     def suggested(self, scale: Scale, angle: np.ndarray, gap: np.ndarray) -> tuple[dict[str, float], ...]:
-        """Where the error begins to grow, at either end: at rest a stop bends the servo by its stiffness over kp."""
+        """Where the error begins to grow, at either end: at rest a stop bends the servo by its stiffness over kp.
+
+        A stiff stop is hardly entered, so that the joint stands at its edge: at either end of what is seen of the angle
+        one such is suggested as well.
+        """
         found: list[tuple[float, dict[str, float]]] = []
         for side in (1.0, -1.0):
             best = 0.0, 0.0, 0.0
@@ -78,4 +84,10 @@ class JointStop(Effect):
                 place = {"upper": scale.upper - begins, "lower": 0.0} if side > 0 else {"lower": begins - scale.lower}
                 found.append((taken, {"stiffness": slope * scale.kp, "upper": 0.0, **place}))
         found.sort(key=lambda one: -one[0])
-        return tuple(values for _, values in found)
+        low, high = np.quantile(angle, _EDGES)
+        stiff = _STIFF * scale.kp
+        return (
+            *(values for _, values in found),
+            {"stiffness": stiff, "upper": scale.upper - float(high), "lower": 0.0},
+            {"stiffness": stiff, "upper": 0.0, "lower": float(low) - scale.lower},
+        )
