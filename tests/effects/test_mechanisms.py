@@ -254,28 +254,13 @@ def test_a_ripples_waves_are_read_off_the_error_over_the_angle(smooth: TwinModel
     assert found == pytest.approx(wave, abs=1.5e-3)
 
 
-def test_a_ripple_over_which_a_joint_snaps_is_looked_for_as_strong_as_it_is(smooth: TwinModel):
-    scale, periods, steep = smooth.scale("rh_FFJ3"), 20.0, 3.0  # times as steep as the servo is stiff
-    height = steep / periods
-    target = 0.7 + 0.6 * np.sin(np.linspace(0.0, 9.0, 3000))
-    angle = np.empty_like(target)
-    at = target[0]
-    for place, wanted in enumerate(target):
-        for _ in range(60):  # to the valley that it is in
-            at -= 0.2 * (at - wanted - height * np.sin(periods * at + 1.0))
-        angle[place] = at
-    found = LIBRARY["torque_ripple"].suggested(scale, angle, angle - target)
-    right = [one for one in found if abs(one["periods"] - periods) < 1.0]
-    nearest = min(abs(one["amplitude"] / scale.kp / height - 1.0) for one in right)
-    assert nearest < 0.5
-
-
 def test_a_stiff_stop_is_looked_for_where_the_joint_stands(smooth: TwinModel):
     scale = smooth.scale("rh_FFJ3")
-    free = 0.6 + 0.7 * np.sin(np.linspace(0.0, 20.0, 4000))
+    free = 0.6 + 0.55 * np.sin(np.linspace(0.0, 20.0, 4000))
     stop, stiffness = 1.1, 8.0
     angle = np.where(free > stop, stop + (free - stop) / (1.0 + stiffness), free)
-    found = LIBRARY["joint_stop"].suggested(scale, angle, angle - free)
+    elsewhere = -0.03 * (angle - 0.2)  # what uncertain values have taken on in its stead
+    found = LIBRARY["joint_stop"].suggested(scale, angle, angle - free + elsewhere)
     near = [one for one in found if abs(scale.upper - one["upper"] - stop) < 0.1]
     assert any(0.3 < one["stiffness"] / (stiffness * scale.kp) < 3.0 for one in near)
 
