@@ -286,7 +286,13 @@ class _Hunt:
         return _above(looked_at, self.outcomes, self.seed, self.say, seen=True)
 
     def _searched(self, part: PartFit, reduced: Reduced) -> Outcome:
-        return search_part(part, reduced, self.seed, self.say, self.most_effects, self.limit)
+        outcome = search_part(part, reduced, self.seed, self.say, self.most_effects, self.limit)
+        sound = part.within_floor and not (outcome.accepted or outcome.deviating or outcome.unfinished)
+        if sound and outcome.left > 1.0:
+            # it was looked at again for what the fitted motion leaves, and nothing takes that away
+            validation = Validation(part, reduced.holdout, seed=self.seed)
+            outcome.within_floor = _by_parameters(reduced, validation, self.seed)
+        return outcome
 
 
 def _within_floor(part: PartFit, reduced: Reduced, seed: int, say: Say, *, seen: bool) -> Outcome | None:
