@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -30,68 +31,85 @@ def deviating(part: PartFit) -> dict[str, float]:
     return {name: sigma for name, sigma in deviations if name not in values and abs(sigma) > DEVIATING_SIGMA}
 
 
-def search_part(part: PartFit, reduced: Reduced, seed: int, say: Say, most_effects: int, limit: TimeLimit) -> Outcome:
-    """What a part lacks: one effect after another; where that ends above the floor, from another beginning as well.
+@dataclass(frozen=True)
+class PartSearch:
+    """The search of one part for at most so many effects."""
 
-    What two causes do together may look most like a third: play in a servo that often saturates passes for dry
-    friction, and beside dry friction neither of the two has anything left to explain.
-    """
-    found = _one_after_another(part, reduced, None, seed, say, most_effects, limit)
-    other_beginnings = [one for one in found.others if one.hypothesis.name not in found.names]
-    if _explains(found) or found.unfinished or most_effects < 2 or not other_beginnings:
+    part: PartFit
+    reduced: Reduced
+    seed: int
+    say: Say
+    most_effects: int
+    limit: TimeLimit
+
+    @cached_property
+    def validation(self) -> Validation:
+        """Of the part before any effect was found."""
+        return Validation(self.part, self.reduced.holdout, seed=self.seed)
+
+    @cached_property
+    def _most_left(self) -> np.ndarray:
+        """(k,) floors that a right law may leave of the fitted motion."""
+        return most_left(self.part, self.part.times_floor)
+
+    def outcome(self) -> Outcome:
+        """What the part lacks: one effect after another; where that explains too little, from another beginning too.
+
+        What two causes do together may look most like a third: play in a servo that often saturates passes for dry
+        friction, and beside dry friction neither of the two has anything left to explain.
+        """
+        found = self._one_after_another(None)
+        other_beginnings = [one for one in found.others if one.hypothesis.name not in found.names]
+        if _explains(found) or found.unfinished or self.most_effects < 2 or not other_beginnings:
+            return found
+        part = self.part
+        last = (found.accepted or other_beginnings)[-1].fit
+        reached = {one.hypothesis.name: part.evidence_nats(last) for one in found.accepted[:1]}
+        for begun in other_beginnings:
+            self.say(f"  once more, with {begun.hypothesis.name} first")
+            other = self._one_after_another(begun, against=last)
+            other.tried = [*found.tried, *other.tried]
+            reached[begun.hypothesis.name] = part.evidence_nats(other.accepted[-1].fit)
+            if _explains(other) and reached[begun.hypothesis.name] > part.evidence_nats(last) + decisive(last):
+                first = other.accepted[0]
+                # each beginning is worth what it has come to with what was found beside it
+                weighed = {**first.weighed, **reached}
+                other.accepted[0] = replace(first, weighed=weighed, decisive_nats=decisive(first.fit))
+                return other
+            found.tried, found.unfinished = other.tried, other.unfinished
+            if found.unfinished:
+                break
         return found
-    last = (found.accepted or other_beginnings)[-1].fit
-    reached = {one.hypothesis.name: part.evidence_nats(last) for one in found.accepted[:1]}
-    for begun in other_beginnings:
-        say(f"  once more, with {begun.hypothesis.name} first")
-        other = _one_after_another(part, reduced, begun, seed, say, most_effects, limit, against=last)
-        other.tried = [*found.tried, *other.tried]
-        reached[begun.hypothesis.name] = part.evidence_nats(other.accepted[-1].fit)
-        if _explains(other) and reached[begun.hypothesis.name] > part.evidence_nats(last) + decisive(last):
-            first = other.accepted[0]
-            # each beginning is worth what it has come to with what was found beside it
-            other.accepted[0] = replace(first, weighed={**first.weighed, **reached}, decisive_nats=decisive(first.fit))
-            return other
-        found.tried, found.unfinished = other.tried, other.unfinished
-        if found.unfinished:
-            break
-    return found
 
+    def _one_after_another(self, begun: Accepted | None, *, against: Fit | None = None) -> Outcome:
+        """Effects until the part is at the floor, or none helps; with the first one given, if it has `begun`.
 
-def _explains(outcome: Outcome) -> bool:
-    """Whether what was found leaves what a right model does, with no nuisance further off than any plausible hand's."""
-    return outcome.left <= 1.0 and not forced_nuisances(outcome)
+        What is to stand `against` another fit of the part is given up where it does not promise to leave much less.
+        """
+        outcome = begun_outcome(self.reduced, self.part)
+        part, validation, step = self.part, self.validation, begun
+        outcome.left = validation.judge(part.base).adequacy
+        for _ in range(self.most_effects):
+            try:
+                self.limit.check()
+                if step is None:
+                    step = next_effect(part, validation, self.say, outcome, self.limit, against=against)
+            except OutOfTime:
+                outcome.unfinished = True
+                break
+            if step is None or _is_refinement(self.part, part, step.fit, outcome):
+                break
+            part, validation = self._with(step, outcome, validation)
+            if outcome.left <= 1.0 and not outcome.deviating:
+                break  # a nuisance that is far off may be another effect at work
+            step = None
+        if outcome.accepted and forced_nuisances(outcome):
+            outcome.deviating = _needed(part, self._most_left)
+        return outcome
 
-
-def _one_after_another(
-    part: PartFit,
-    reduced: Reduced,
-    begun: Accepted | None,
-    seed: int,
-    say: Say,
-    most_effects: int,
-    limit: TimeLimit,
-    *,
-    against: Fit | None = None,
-) -> Outcome:
-    """Effects until a part is at the floor, or none helps; with the first one given, if it has `begun`.
-
-    What is to stand `against` another fit of the part is given up where it does not promise to leave much less.
-    """
-    outcome = begun_outcome(reduced, part)
-    validation = Validation(part, reduced.holdout, seed=seed)
-    outcome.left = validation.judge(part.base).adequacy
-    first, settled, step = part, part, begun
-    for _ in range(most_effects):
-        try:
-            limit.check()
-            if step is None:
-                step = next_effect(part, validation, say, outcome, limit, against=against)
-        except OutOfTime:
-            outcome.unfinished = True
-            break
-        if step is None or _is_refinement(first, part, step.fit, outcome):
-            break
+    def _with(self, step: Accepted, outcome: Outcome, validation: Validation) -> tuple[PartFit, Validation]:
+        """The part and its validation with one more effect, which `outcome` has then among the accepted."""
+        first = self.part
         outcome.accepted.append(step)
         outcome.left = step.judged.adequacy
         if len(outcome.accepted) > 1:
@@ -102,24 +120,25 @@ def _one_after_another(
         terms = first.twin.terms
         for found in outcome.accepted:
             terms = terms.with_effect(found.hypothesis.term(found.fit.values))
-        settled = PartFit(first.twin.changed(terms), part.recordings, part.joints, after=fits[-1], found=fits)
+        part = PartFit(first.twin.changed(terms), first.recordings, first.joints, after=fits[-1], found=fits)
         # beside the effect the nuisances have gone back to where they belong: judged once more as it stands
-        validation = Validation(settled, reduced.holdout, seed=seed, first=validation)
-        outcome.left = min(outcome.left, validation.judge(settled.base).adequacy)
-        allowed = most_left(first, first.times_floor)
-        fitted = float((np.minimum(settled.times_floor, fits[-1].problem.times_floor(fits[-1].point)) / allowed).max())
+        validation = Validation(part, self.reduced.holdout, seed=self.seed, first=validation)
+        held_out = outcome.left = min(outcome.left, validation.judge(part.base).adequacy)
+        left = np.minimum(part.times_floor, fits[-1].problem.times_floor(fits[-1].point))
+        fitted = float((left / self._most_left).max())
         if fitted > 1.0:
             # motion that hardly shows what is missing is predicted well by any law
-            outcome.left = max(outcome.left, fitted)
-        outcome.deviating, outcome.moved = deviating(settled), settled.moved
+            outcome.left = max(held_out, fitted)
+        outcome.deviating, outcome.moved = deviating(part), part.moved
         named = ", ".join(found.hypothesis.name for found in outcome.accepted)
-        say(f"  with {named}: {settled.base.chi_square:.1f} times the floor, {outcome.left:.1f} held out")
-        if outcome.left <= 1.0 and not outcome.deviating:
-            break  # a nuisance that is far off may be another effect at work
-        part, step = settled, None
-    if outcome.accepted and forced_nuisances(outcome):
-        outcome.deviating = _needed(settled, most_left(first, first.times_floor))
-    return outcome
+        of_allowed = f"of what a right model may leave {fitted:.1f} times fitted, {held_out:.1f} held out"
+        self.say(f"  with {named}: {part.base.chi_square:.1f} times the floor; {of_allowed}")
+        return part, validation
+
+
+def _explains(outcome: Outcome) -> bool:
+    """Whether what was found leaves what a right model does, with no nuisance further off than any plausible hand's."""
+    return outcome.left <= 1.0 and not forced_nuisances(outcome)
 
 
 def _needed(settled: PartFit, allowed: np.ndarray) -> dict[str, float]:

@@ -9,17 +9,12 @@ import numpy as np
 
 from twin_daemon.diagnosis.conclude import Outcome, conclude, forced_nuisances, nothing_moves
 from twin_daemon.diagnosis.part_fit import PartFit
-from twin_daemon.diagnosis.part_search import begun_outcome, deviating, search_part
+from twin_daemon.diagnosis.part_search import PartSearch, begun_outcome, deviating
 from twin_daemon.diagnosis.power import undetectable
 from twin_daemon.diagnosis.screening import Screening
 from twin_daemon.diagnosis.selection import Say
 from twin_daemon.diagnosis.shared import Shared, SharedCause, SharedSearch, at_nominal, look, shared_causes
-from twin_daemon.diagnosis.thresholds import (
-    CLOSER_LOOK,
-    DEVIATING_SIGMA,
-    MOST_EFFECTS,
-    OF_ALL_LEFT,
-)
+from twin_daemon.diagnosis.thresholds import CLOSER_LOOK, DEVIATING_SIGMA, MOST_EFFECTS, OF_ALL_LEFT
 from twin_daemon.diagnosis.validation import Validation
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding
 from twin_daemon.effects import LIBRARY
@@ -286,12 +281,12 @@ class _Hunt:
         return _above(looked_at, self.outcomes, self.seed, self.say, seen=True)
 
     def _searched(self, part: PartFit, reduced: Reduced) -> Outcome:
-        outcome = search_part(part, reduced, self.seed, self.say, self.most_effects, self.limit)
+        search = PartSearch(part, reduced, self.seed, self.say, self.most_effects, self.limit)
+        outcome = search.outcome()
         sound = part.within_floor and not (outcome.accepted or outcome.deviating or outcome.unfinished)
         if sound and outcome.left > 1.0:
             # it was looked at again for what the fitted motion leaves, and nothing takes that away
-            validation = Validation(part, reduced.holdout, seed=self.seed)
-            outcome.within_floor = _by_parameters(reduced, validation, self.seed)
+            outcome.within_floor = _by_parameters(reduced, search.validation, self.seed)
         return outcome
 
 

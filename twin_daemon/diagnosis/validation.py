@@ -184,11 +184,9 @@ class Validation:
         What nuisances that had to stand in for something get wrong on other motion allows nothing: where the part left
         less on its own motion, that counts.
         """
-        suspects = self._part.suspects
         most = np.maximum(self._part.times_floor, ADEQUATE_FLOORS)
-        share = np.array([RELATIVE_ERROR if joint in suspects else AS_BEFORE for joint in self._part.joints])
         left = self._left(base, self._part.floor)
-        return {name: np.maximum(ADEQUATE_FLOORS, share * np.minimum(own, most)) for name, own in left.items()}
+        return {name: most_left(self._part, np.minimum(own, most)) for name, own in left.items()}
 
 
 def most_left(part: PartFit, before: np.ndarray) -> np.ndarray:
