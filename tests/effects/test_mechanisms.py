@@ -68,6 +68,21 @@ def test_a_silent_servo_lets_the_joint_rest_at_the_edge_of_its_band(smooth: Twin
     assert [0.7 - _hold(smooth, start, silent) for start in (0.4, 1.0)] == pytest.approx([band, -band], abs=1e-3)
 
 
+@pytest.mark.parametrize("derivative", [0.02, 0.2])
+def test_a_silent_servo_may_have_derivative_action(derivative: float):
+    def damped(spec) -> None:
+        spec.option.gravity = np.zeros(3)
+        for joint in spec.joints:
+            joint.frictionloss = 0.0
+        spec.option.timestep, spec.option.integrator = 0.004, mujoco.mjtIntegrator.mjINT_EULER
+        spec.actuator("rh_A_FFJ3").biasprm[2] = -derivative
+
+    silent = ("dead_zone", "rh_FFJ3", {"band": 0.03})
+    assert [0.7 - _hold(loaded_finger(damped), start, silent) for start in (0.4, 1.0)] == pytest.approx(
+        [0.03, -0.03], abs=1e-3
+    )
+
+
 def test_holds_reached_from_both_sides_under_two_loads_tell_what_keeps_a_joint_from_its_target():
     """(how far apart the two sides, how far apart the two loads leave it), beyond the servo's own stiffness."""
 

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story, silent_joint
-from twin_daemon.effects.edits import servo_stiffness
+from twin_daemon.effects.edits import servo_damping, servo_stiffness
 from twin_daemon.effects.transmission import implicit_step, pulled_joints
 
 _STIFF = 1000.0  # the ends of the band over the servo
@@ -48,6 +48,10 @@ class DeadZone(Effect):
     limit_of = ("backlash",)
     confusable = ("backlash", "coulomb_friction", "hysteresis", "sensor_offset")
 
+    def as_limit_of(self, values: Mapping[str, float]) -> dict[str, float]:
+        """A band as wide as the play."""
+        return {"band": 0.5 * values["gap"]}
+
     def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:
         actuator, band, step = spec.actuator(place.actuator), values["band"], float(spec.option.timestep)
         driven, gear = pulled_joints(spec, actuator), float(actuator.gear[0])
@@ -59,7 +63,8 @@ class DeadZone(Effect):
         body.inertia = np.full(3, 1e-15)
         joint = body.add_joint(name=silent_joint(place), type=mujoco.mjtJoint.mjJNT_HINGE)
         joint.axis = np.array([0.0, 0.0, 1.0])
-        joint.armature = _LIGHT * step**2 * stiffness
+        # beside a derivative gain, which MuJoCo's step takes explicitly, less inertia would oscillate
+        joint.armature = _LIGHT * step**2 * stiffness + step * servo_damping(spec, place) * gear**2
         joint.stiffness = joint.damping = np.zeros(3)
         # a friction that never gives way is a damper, and one within the solver: it knows of the ends
         joint.frictionloss = _NEVER * stiffness

@@ -64,6 +64,13 @@ def servo_stiffness(spec: Any, place: Place) -> float:
     return abs(float(spec.actuator(place.actuator).biasprm[1])) or 1.0
 
 
+def servo_damping(spec: Any, place: Place) -> float:
+    """Derivative gain of the servo at this place in N m s/rad."""
+    own = float(spec.actuator(place.actuator).biasprm[2])
+    # until it is compiled, a positive value is a damping ratio
+    return -own if own <= 0.0 else -float(spec.compile().actuator(place.actuator).biasprm[2])
+
+
 def add_passive_motor(spec: Any, name: str, kind: Any, target: str | None) -> Any:
     """A `dcmotor` without inputs and without an electrical side: it only carries LuGre friction or cogging."""
     motor = spec.add_actuator(name=name, trntype=kind, target=target)
