@@ -75,7 +75,7 @@ class TwinModel:
             spec = mujoco.MjSpec.from_file(str(hand.model_path))
         except (ValueError, OSError, mujoco.FatalError) as error:
             raise BadInput(f"not a usable MJCF: {error}", where=hand.model_path) from None
-        _name_bodies(spec)
+        _prepare(spec)
         return cls(hand, spec, terms or Terms())
 
     @classmethod
@@ -85,7 +85,7 @@ class TwinModel:
             spec = mujoco.MjSpec.from_string(mjcf)
         except (ValueError, mujoco.FatalError) as error:
             raise BadInput(f"not a usable MJCF: {error}", where=f"stored model of {hand.description.name}") from None
-        _name_bodies(spec)
+        _prepare(spec)
         return cls(hand, spec, terms or Terms())
 
     def __reduce__(self) -> tuple[Callable[..., TwinModel], tuple[Any, ...]]:
@@ -340,6 +340,17 @@ class TwinModel:
     def mjcf(self) -> str:
         """This twin as one plain, self-contained MJCF."""
         return mjcf_text(inline_meshes(self.spec, self.model))
+
+
+def _prepare(spec: Any) -> None:
+    """What a twin needs of any model: bodies with names, and steps that take damping and friction implicitly.
+
+    MuJoCo's Runge-Kutta takes all of them explicitly: at a usual step dry friction, play or an elastic tendon then runs
+    away. What the change costs is an error of the time step like any other's (`Posterior.step_errors`).
+    """
+    _name_bodies(spec)
+    if spec.option.integrator == mujoco.mjtIntegrator.mjINT_RK4:
+        spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
 
 
 def _name_bodies(spec: Any) -> None:
