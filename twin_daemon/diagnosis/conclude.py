@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from twin_daemon.comparison.conditions import errors_by_condition
 from twin_daemon.diagnosis.candidates import Hypothesis
+from twin_daemon.diagnosis.far_off import beyond_any_hand
 from twin_daemon.diagnosis.fit import Fit, own_estimates
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.probability import combined, posterior, unknown
@@ -94,11 +95,6 @@ class Outcome:
         return unknown(left, above=above, sigma=sigma, most_sigma=FORBIDDEN_SIGMA)
 
 
-def forced_nuisances(outcome: Outcome) -> list[tuple[str, float]]:
-    """The nuisances that are further off than any plausible hand."""
-    return [(name, sigma) for name, sigma in outcome.deviating.items() if abs(sigma) > FORBIDDEN_SIGMA]
-
-
 def nothing_moves(joints: Sequence[str] | None) -> Diagnosis:
     which = ", ".join(joints) if joints else "no joint"
     reason = f"{which} moves by more than 0.05 rad: record a motion with steps, two speeds, small reversals and holds"
@@ -123,7 +119,7 @@ def conclude(
     above = [o for o in outcomes if not o.within_floor]
     # of a part that only held-out motion puts above the floor a little more is no new law yet
     unexplained = [o for o in above if o.left > 1.0 and o.unknown > 1.0 - SURE]
-    forced = [(o, *worst) for o in above for worst in forced_nuisances(o)]
+    forced = [(o, *worst) for o in above for worst in beyond_any_hand(o.deviating)]
     unsettled = [o for o in above if o.left <= 1.0 and not o.accepted and o.chi_square > FLOOR_CHI_SQUARE]
     ambiguous = [f for f in findings if f.confusable_with or (f.probability or 0.0) < SURE]
     unfinished = [o for o in above if o.unfinished]

@@ -7,14 +7,22 @@ from functools import cached_property
 
 import numpy as np
 
-from twin_daemon.diagnosis.conclude import Accepted, Outcome, forced_nuisances
+from twin_daemon.diagnosis.conclude import Accepted, Outcome
+from twin_daemon.diagnosis.far_off import beyond_any_hand, deviating, needed
 from twin_daemon.diagnosis.fit import Fit
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.selection import Say, decisive, next_effect, swap_rivals
-from twin_daemon.diagnosis.thresholds import DEVIATING_SIGMA, FULL_FIT_ROLLOUTS, MOST_OF_IT, REFINEMENT
+from twin_daemon.diagnosis.thresholds import (
+    ADEQUATE_FLOORS,
+    COMPARABLE,
+    DEVIATING_SIGMA,
+    FULL_FIT_ROLLOUTS,
+    MOST_OF_IT,
+    REFINEMENT,
+    RELATIVE_ERROR,
+)
 from twin_daemon.diagnosis.validation import Validation, most_left
 from twin_daemon.estimation.partition import Reduced
-from twin_daemon.estimation.variables import EffectVariable
 from twin_daemon.executor import OutOfTime, TimeLimit
 
 
@@ -22,13 +30,6 @@ def begun_outcome(reduced: Reduced, part: PartFit) -> Outcome:
     """What a group says before any effect was looked for."""
     worst = float(part.times_floor.max())
     return Outcome(reduced.name, part.joints, worst, deviating(part), part.moved)
-
-
-def deviating(part: PartFit) -> dict[str, float]:
-    """The nuisances that are too far from their priors to be nuisances, in sigma."""
-    values = {variable.name for variable in part.variables if isinstance(variable, EffectVariable)}
-    deviations = part.base.deviations.items()
-    return {name: sigma for name, sigma in deviations if name not in values and abs(sigma) > DEVIATING_SIGMA}
 
 
 @dataclass(frozen=True)
@@ -53,24 +54,33 @@ class PartSearch:
         return most_left(self.part, self.part.times_floor)
 
     def outcome(self) -> Outcome:
-        """What the part lacks: one effect after another; where that explains too little, from another beginning too.
+        """What the part lacks: one effect after another; where that leaves too much, from another beginning as well.
 
         What two causes do together may look most like a third: play in a servo that often saturates passes for dry
         friction, and beside dry friction neither of the two has anything left to explain.
         """
-        found = self._one_after_another(None)
-        other_beginnings = [one for one in found.others if one.hypothesis.name not in found.names]
-        if _explains(found) or found.unfinished or self.most_effects < 2 or not other_beginnings:
-            return found
         part = self.part
-        last = (found.accepted or other_beginnings)[-1].fit
-        reached = {one.hypothesis.name: part.evidence_nats(last) for one in found.accepted[:1]}
-        for begun in other_beginnings:
-            self.say(f"  once more, with {begun.hypothesis.name} first")
-            other = self._one_after_another(begun, against=last)
+        found, left = self._one_after_another(None)
+        begun = [one for one in found.others if one.hypothesis.name not in found.names]
+        last = (found.accepted or [*begun, None])[-1]
+        if found.unfinished or self.most_effects < 2 or last is None:
+            return found
+        against, may_leave = last.fit, np.full_like(left, np.inf)
+        if _explains(found):
+            if (RELATIVE_ERROR * left < 1.0).all():
+                return found
+            # it may be the form of its law that leaves much: only what leaves a small part of that is another answer
+            may_leave = np.maximum(ADEQUATE_FLOORS, RELATIVE_ERROR * left)
+            begun = [*found.accepted[:1], *(one for one in begun if one.fit.cost < COMPARABLE * against.cost)]
+        reached = {one.hypothesis.name: part.evidence_nats(against) for one in found.accepted[:1]}
+        for beginning in begun:
+            named = beginning.hypothesis.name
+            self.say(f"  once more, with {named} first")
+            other, left = self._one_after_another(beginning, against=against, may_leave=may_leave)
             other.tried = [*found.tried, *other.tried]
-            reached[begun.hypothesis.name] = part.evidence_nats(other.accepted[-1].fit)
-            if _explains(other) and reached[begun.hypothesis.name] > part.evidence_nats(last) + decisive(last):
+            reached[named] = part.evidence_nats(other.accepted[-1].fit)
+            better = reached[named] > part.evidence_nats(against) + decisive(against)
+            if better and _explains(other) and (left <= may_leave).all():
                 first = other.accepted[0]
                 # each beginning is worth what it has come to with what was found beside it
                 weighed = {**first.weighed, **reached}
@@ -81,14 +91,18 @@ class PartSearch:
                 break
         return found
 
-    def _one_after_another(self, begun: Accepted | None, *, against: Fit | None = None) -> Outcome:
-        """Effects until the part is at the floor, or none helps; with the first one given, if it has `begun`.
+    def _one_after_another(
+        self, begun: Accepted | None, *, against: Fit | None = None, may_leave: float | np.ndarray = np.inf
+    ) -> tuple[Outcome, np.ndarray]:
+        """(effects until the part is at the floor, or none helps; (k,) floors that they leave of the fitted motion).
 
-        What is to stand `against` another fit of the part is given up where it does not promise to leave much less.
+        With the first one given, if it has `begun`. What is to stand `against` another fit of the part is given up
+        where it does not promise to leave much less, and has to leave no more than it `may_leave` (k,) floors.
         """
         outcome = begun_outcome(self.reduced, self.part)
-        part, validation, step = self.part, self.validation, begun
+        part, validation, step, left = self.part, self.validation, begun, self.part.times_floor
         outcome.left = validation.judge(part.base).adequacy
+        enough = False
         for _ in range(self.most_effects):
             try:
                 self.limit.check()
@@ -97,18 +111,19 @@ class PartSearch:
             except OutOfTime:
                 outcome.unfinished = True
                 break
-            if step is None or _is_refinement(self.part, part, step.fit, outcome):
+            if step is None or _is_refinement(self.part, part, step.fit, outcome, enough=enough):
                 break
-            part, validation = self._with(step, outcome, validation)
-            if outcome.left <= 1.0 and not outcome.deviating:
+            part, validation, left = self._with(step, outcome, validation)
+            enough = outcome.left <= 1.0 and bool((left <= may_leave).all())
+            if enough and not outcome.deviating:
                 break  # a nuisance that is far off may be another effect at work
             step = None
-        if outcome.accepted and forced_nuisances(outcome):
-            outcome.deviating = _needed(part, self._most_left)
-        return outcome
+        if outcome.accepted and beyond_any_hand(outcome.deviating):
+            outcome.deviating = needed(part, self._most_left)
+        return outcome, left
 
-    def _with(self, step: Accepted, outcome: Outcome, validation: Validation) -> tuple[PartFit, Validation]:
-        """The part and its validation with one more effect, which `outcome` has then among the accepted."""
+    def _with(self, step: Accepted, outcome: Outcome, validation: Validation) -> tuple[PartFit, Validation, np.ndarray]:
+        """(the part, its validation, (k,) floors left) with one more effect, which `outcome` then has accepted."""
         first = self.part
         outcome.accepted.append(step)
         outcome.left = step.judged.adequacy
@@ -133,40 +148,28 @@ class PartSearch:
         named = ", ".join(found.hypothesis.name for found in outcome.accepted)
         of_allowed = f"of what a right model may leave {fitted:.1f} times fitted, {held_out:.1f} held out"
         self.say(f"  with {named}: {part.base.chi_square:.1f} times the floor; {of_allowed}")
-        return part, validation
+        return part, validation, left
 
 
 def _explains(outcome: Outcome) -> bool:
     """Whether what was found leaves what a right model does, with no nuisance further off than any plausible hand's."""
-    return outcome.left <= 1.0 and not forced_nuisances(outcome)
+    return outcome.left <= 1.0 and not beyond_any_hand(outcome.deviating)
 
 
-def _needed(settled: PartFit, allowed: np.ndarray) -> dict[str, float]:
-    """The nuisances that are far off, without those that need not be: laws differ in form, and these take that up.
-
-    Brought back to where they may be, they leave no more than `allowed` (k,) floors, what a right law may.
-    """
-    found = deviating(settled)
-    if (settled.problem.times_floor(settled.nearer(settled.base.point)) > allowed).any():
-        return found
-    moved = {variable.name for variable in settled.variables}
-    return {name: sigma for name, sigma in found.items() if name not in moved}
-
-
-def _is_refinement(first: PartFit, part: PartFit, fit: Fit, outcome: Outcome) -> bool:
+def _is_refinement(first: PartFit, part: PartFit, fit: Fit, outcome: Outcome, *, enough: bool) -> bool:
     """Whether a further effect only bends the law of one that has been found at the same place.
 
     A second cause takes a part of the first error away, or most of what the first has left, or brings a nuisance back
-    that has to be further off than any plausible hand without it. Where the first is right already but for a nuisance
-    that is somewhat far off, only an effect at another place is a second cause.
+    that has to be further off than any plausible hand without it. Where the first is `enough` already but for a
+    nuisance that is somewhat far off, only an effect at another place is a second cause.
     """
     joints = _judged_joints(part, fit)
     if not any(joints & _judged_joints(earlier.part, earlier.fit) for earlier in outcome.accepted):
         return False
-    forced = [name for name, _ in forced_nuisances(outcome)]
+    forced = [name for name, _ in beyond_any_hand(outcome.deviating)]
     if any(abs(fit.deviations.get(name, 0.0)) < DEVIATING_SIGMA for name in forced):
         return False
-    if outcome.left <= 1.0 and not forced:
+    if enough and not forced:
         return True
     gained = part.base.cost - fit.cost
     return gained < REFINEMENT * first.base.cost and gained < MOST_OF_IT * part.base.cost

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin_daemon.diagnosis.conclude import Outcome, conclude, forced_nuisances, nothing_moves
+from twin_daemon.diagnosis.conclude import Outcome, conclude, nothing_moves
+from twin_daemon.diagnosis.far_off import beyond_any_hand, deviating
 from twin_daemon.diagnosis.part_fit import PartFit
-from twin_daemon.diagnosis.part_search import PartSearch, begun_outcome, deviating
+from twin_daemon.diagnosis.part_search import PartSearch, begun_outcome
 from twin_daemon.diagnosis.power import undetectable
 from twin_daemon.diagnosis.screening import Screening
 from twin_daemon.diagnosis.selection import Say
@@ -254,7 +255,7 @@ class _Hunt:
             left.sort(key=lambda item: -float(item[1].times_floor.max()))
             reduced, part = left[0]
             outcome = self._searched(part, reduced)
-            if not outcome.accepted or outcome.left > 1.0 or forced_nuisances(outcome):
+            if not outcome.accepted or outcome.left > 1.0 or beyond_any_hand(outcome.deviating):
                 break
             self.outcomes.append(outcome)
             terms = twin.terms

@@ -85,7 +85,8 @@ def next_effect(
         say(f"  {first.hypothesis.name}: evidence {gain:.0f} nats, {behind:.0f} less than the best")
     weighed = {r.hypothesis.name: 0.5 * (screening.cost - r.cost) - part.price(r.problem) for r in first_fits}
     full = concurrently(limit.checked(lambda first: part.full_fit(first, FULL_FIT_ROLLOUTS)), finalists)
-    fits = sorted(((part.evidence_nats(fit), fit) for fit in full), key=lambda item: -item[0])
+    full += _limits_of(part, screening, full)
+    fits = sorted(((part.evidence_nats(fit), fit) for fit in _best_of_each(full)), key=lambda item: -item[0])
     weighed |= {_named(fit): evidence for evidence, fit in fits}
     for evidence, fit in fits:
         say(f"  {_named(fit)}: evidence {evidence:.0f} nats, {fit.chi_square:.1f} times the floor")
@@ -149,6 +150,26 @@ def next_effect(
         named = best.hypothesis.name
         weighed = {named: best_evidence} | {name: nats for name, nats in weighed.items() if name != named}
     return replace(best, rivals=tuple(rivals), weighed=weighed, decisive_nats=decisive(best.fit))
+
+
+def _limits_of(part: PartFit, screening: Screening, laws: Sequence[Fit]) -> list[Fit]:
+    """The laws that fitted ones become at a bound of theirs, fitted from where these have come to.
+
+    No position data may tell the two apart, so that neither may be the only answer for want of a start.
+    """
+    pairs = [(h, law) for law in laws for h in screening.candidates if law.hypothesis and h.is_limit_of(law.hypothesis)]
+    found = []
+    for hypothesis, law in pairs:
+        values = hypothesis.effect.as_limit_of(law.values)
+        begun = hypothesis.starting((values, *hypothesis.starts))
+        problem = part.problem_with((begun, begun.starts[0]))
+        found.append(part.ended(begun, problem, problem.start_from(law.nuisances), FULL_FIT_ROLLOUTS))
+    return found
+
+
+def _best_of_each(fits: Sequence[Fit]) -> list[Fit]:
+    """The fit of each candidate that costs least."""
+    return list({_named(fit): fit for fit in sorted(fits, key=lambda fit: -fit.cost)}.values())
 
 
 def _lost(

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from twin_daemon.diagnosis.far_off import beyond_any_hand, needed
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.probability import posterior
 from twin_daemon.diagnosis.screening import over_some
@@ -353,16 +354,17 @@ def _passing(
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """(n,) squared errors on held-out motion without and with a cause, in rad^2; None where a right model leaves less.
 
-    Both are lists of the same groups, the second with the cause in their models; empty where a group has too little
-    motion in which it touches nothing.
+    Nor does a right one force uncertain values further off than any hand has them. Both are lists of the same groups,
+    the second with the cause in their models; empty where a group has too little motion in which it touches nothing.
     """
     both = list(zip(above, looked_at, strict=True))
     if not both:
         return None
     for (_, old), (_, new) in both:
         # of what nobody has fitted no share says anything
-        most = FLOOR_CHI_SQUARE if old.nominal else np.maximum(FLOOR_CHI_SQUARE, RELATIVE_ERROR * old.times_floor)
-        if (new.times_floor > most).any():
+        share = 0.0 if old.nominal else RELATIVE_ERROR
+        most = np.maximum(FLOOR_CHI_SQUARE, share * old.times_floor)
+        if (new.times_floor > most).any() or beyond_any_hand(needed(new, most)):
             return None
     squares = []
     for (reduced, old), (changed, new) in both:

@@ -259,6 +259,10 @@ class Effect(ABC):
         """
         return ()
 
+    def as_limit_of(self, values: Mapping[str, float]) -> dict[str, float]:
+        """This effect's values where one of `limit_of` at the given values comes to its bound."""
+        raise NotImplementedError(f"{self.key} is no limit of another effect")
+
     def starts_everywhere(self) -> tuple[dict[str, float], ...]:
         """Finite-size values to start from where all joints have it alike; none where no joint's scale is needed."""
         return ()
