@@ -24,10 +24,11 @@ def beyond_any_hand(deviations: dict[str, float]) -> list[tuple[str, float]]:
 def needed(part: PartFit, allowed: np.ndarray) -> dict[str, float]:
     """Those that are too far off, without the ones that need not be: laws differ in form, and these take that up.
 
-    Brought back to where they may be, they leave no more than `allowed` (k,) floors, what a right law may.
+    Held to where they may be, with all others fitted beside them, they leave no more than `allowed` (k,) floors, what a
+    right law may.
     """
     found = deviating(part)
-    if (part.problem.times_floor(part.nearer(part.base.point)) > allowed).any():
+    if not beyond_any_hand(found) or (part.problem.times_floor(part.plausible()) > allowed).any():
         return found
     moved = {variable.name for variable in part.variables}
     return {name: sigma for name, sigma in found.items() if name not in moved}

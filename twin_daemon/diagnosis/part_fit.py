@@ -125,19 +125,25 @@ class PartFit:
         off = np.abs(problem.prior_residuals(found.point[None])[0])
         if not DEVIATING_SIGMA < off.max(initial=0.0) < HARDLY_FURTHER * DEVIATING_SIGMA:
             return found
-        point = self.nearer(found.point)
+        point = np.clip(found.point, *self._plausible_box(found.point))
         rows = problem.residuals(point[None])[0]
         return found if rows @ rows > found.rows @ found.rows + 2.0 else replace(found, point=point, rows=rows)
 
-    def nearer(self, point: np.ndarray) -> np.ndarray:
-        """(p,) a point (p,) with all nuisances that are further off than one may be brought back to there."""
+    def _plausible_box(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """((p,), (p,)) about a point (p,): coordinates at which no nuisance is further off than one may be."""
         sigmas = self.problem.prior_residuals(point[None])[0]
         own = np.flatnonzero([variable.prior is not None for variable in self.problem.variables])
-        steps = np.diag(self.problem.prior_slopes()[:, own])
-        excess = np.sign(sigmas) * np.maximum(np.abs(sigmas) - DEVIATING_SIGMA, 0.0)
-        moved = point.copy()
-        moved[own] -= 1.01 * excess / np.where(steps == 0.0, np.inf, steps)
-        return np.clip(moved, 0.0, 1.0)
+        steps = np.abs(np.diag(self.problem.prior_slopes()[:, own]))
+        low, high = np.zeros(len(point)), np.ones(len(point))
+        room = np.where(steps == 0.0, np.inf, steps)
+        low[own] = np.clip(point[own] - (0.99 * DEVIATING_SIGMA + sigmas) / room, 0.0, 1.0)
+        high[own] = np.clip(point[own] + (0.99 * DEVIATING_SIGMA - sigmas) / room, 0.0, 1.0)
+        return low, high
+
+    def plausible(self) -> np.ndarray:
+        """(p,) the best point at which no nuisance is further off than one may be."""
+        box, slopes = self._plausible_box(self.base.point), Derivative(self.problem, (), self.base.slopes)
+        return descend(self.problem, self.base.point, slopes, evaluations=NUISANCE_ROLLOUTS, box=box).point
 
     def _settled(self, point: np.ndarray, slopes: np.ndarray | None) -> Descent:
         """The nuisances alone descended from a point (p,), until another round gains little."""

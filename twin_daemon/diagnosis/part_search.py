@@ -118,7 +118,7 @@ class PartSearch:
             if enough and not outcome.deviating:
                 break  # a nuisance that is far off may be another effect at work
             step = None
-        if outcome.accepted and beyond_any_hand(outcome.deviating):
+        if outcome.accepted:
             outcome.deviating = needed(part, self._most_left)
         return outcome, left
 

@@ -109,23 +109,26 @@ def descend(
     evaluations: int,
     enough: Callable[[np.ndarray, np.ndarray], bool] | None = None,
     begun: np.ndarray | None = None,
+    box: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Descent:
     """A bounded descent from a point (p,); stops early where `enough(point, rows)` says so.
 
-    Where the rows (m,) at the start are known, as `begun`, they are not rolled out again.
+    Where the rows (m,) at the start are known, as `begun`, they are not rolled out again. `box` ((p,), (p,)) are the
+    lowest and highest coordinates where these are not 0 and 1.
 
     Gauss-Newton in a trust region that is a box, cut to the variables' bounds, so that each step is a bounded quadratic
     problem (solved by MuJoCo's). The first steps are short: a nuisance by two sigma, an effect by its own size.
     """
-    point = np.clip(start, 0.0, 1.0)
+    low, high = (np.zeros(len(start)), np.ones(len(start))) if box is None else box
+    point = np.clip(start, low, high)
     rows, spent = (problem.residuals(point[None])[0], 1) if begun is None else (begun, 0)
     scale, radius = _scales(problem, point), 1.0
     cost = float(rows @ rows)
     before = cost
     slopes = derivative(point, rows)
     while spent < evaluations and radius > SMALLEST_RADIUS and not (enough and enough(point, rows)):
-        step, expected = bounded_step(slopes * scale, rows, (-point / scale, (1.0 - point) / scale), radius)
-        trial = np.clip(point + scale * step, 0.0, 1.0)
+        step, expected = bounded_step(slopes * scale, rows, ((low - point) / scale, (high - point) / scale), radius)
+        trial = np.clip(point + scale * step, low, high)
         spent += 1
         try:
             trial_rows = problem.residuals(trial[None])[0]
@@ -198,7 +201,7 @@ def bounded_step(
     hessian = hessian + 1e-9 * max(float(np.trace(hessian)), 1.0) * np.eye(count)
     step, scratch = np.zeros((count, 1)), np.zeros((count, count + 7))
     lower = np.maximum(room[0], -radius)[:, None]
-    upper = np.minimum(room[1], radius)[:, None]
+    upper = np.maximum(np.minimum(room[1], radius)[:, None], lower + 1e-9)  # it wants some room everywhere
     mujoco.mju_boxQP(step, scratch, None, hessian, gradient[:, None], lower, upper)
     moved = step[:, 0]
     return moved, float(-2.0 * gradient @ moved - moved @ hessian @ moved)

@@ -1,0 +1,36 @@
+"""A descent that may go no further than a box."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twin_daemon.estimation.posterior import Posterior
+from twin_daemon.estimation.solvers.trust_region import Derivative, descend
+from twin_daemon.estimation.variables import ParameterVariable
+
+unit = st.floats(0.0, 1.0)
+side = st.tuples(unit, unit).map(sorted)
+
+
+@given(sides=st.lists(side, min_size=3, max_size=3), slope=st.floats(-3.0, 3.0), aim=st.tuples(unit, unit, unit))
+def test_it_ends_at_the_best_point_of_its_box(sides: list[list[float]], slope: float, aim: tuple[float, ...]) -> None:
+    """A value that is held to where it may be leaves the others free to make up for it, even if it has no room."""
+
+    def residuals(points: np.ndarray) -> np.ndarray:
+        away = points - np.array(aim)
+        return np.stack([away[:, 0] + slope * away[:, 1], away[:, 1], away[:, 2]], axis=1)
+
+    variables = [ParameterVariable(name, "1", 0.0, 1.0, 0.5) for name in "abc"]
+    problem = cast("Posterior", SimpleNamespace(variables=variables, residuals=residuals))
+    low, high = np.array(sides).T
+    found = descend(problem, np.array([0.5, 0.5, 0.5]), Derivative(problem, ()), evaluations=60, box=(low, high))
+    assert (low - 1e-8 <= found.point).all()
+    assert (found.point <= high + 1e-8).all()
+    corners = np.random.default_rng(0).uniform(low, high, (500, 3))
+    best = float((residuals(corners) ** 2).sum(axis=1).min())
+    assert float(found.rows @ found.rows) <= best + 1e-3
