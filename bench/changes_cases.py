@@ -14,8 +14,9 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+
+from bench.random_robots.cases import Recording
+from bench.random_robots.export import write_bag
 
 STEP_S, RATE_HZ = 0.0005, 125.0
 FINGERS = ("FF", "MF", "RF", "LF")
@@ -23,7 +24,7 @@ MOVED = [f"rh_{f}J{j}" for f in FINGERS for j in (3, 0)] + ["rh_THJ4", "rh_THJ1"
 SPREAD, BETWEEN_SESSIONS = 0.2, 0.01
 LOAD_FRICTION, TENDON_SHARE, GAP_RAD = 0.3, 1.5, 0.015
 NOISE_RAD, RESOLUTION_RAD, JITTER_S = 0.0008, float(np.deg2rad(0.2)), 1e-4
-WEEK_S = 7 * 86400.0
+WEEK_S = 7 * 86400
 
 CHANGES = {
     "nothing": None,
@@ -138,7 +139,10 @@ def record(
     angles[:, plant.joint] += offset_rad
     stamps = time_s + 1.0 / RATE_HZ + rng.normal(0.0, JITTER_S, len(time_s))
     read = np.round((angles + rng.normal(0.0, NOISE_RAD, angles.shape)) / RESOLUTION_RAD) * RESOLUTION_RAD
-    _write(path, plant.model, 1.7e9 + week * WEEK_S, time_s, commands, stamps, read)
+    joints = [plant.model.joint(i).name for i in range(plant.model.njnt)]
+    servos = [plant.model.actuator(i).name.replace("_A_", "_") for i in range(plant.model.nu)]
+    recording = Recording(time_s, commands, stamps, read)
+    write_bag(path, recording, joints, servos, began_s=1_700_000_000 + week * WEEK_S)
 
 
 def plant_of(model: Path, joint: str, factors: np.ndarray) -> Plant:
@@ -186,35 +190,3 @@ def _motion(m: mujoco.MjModel, seed: int, seconds: float) -> tuple[np.ndarray, n
         share = np.where(time_s < third, ramp, np.where(time_s < 2.0 * third, steps, sines))
         commands[:, a] += 0.4 * (high[a] - low[a]) * np.clip(share, -1.0, 1.0)
     return time_s, commands
-
-
-def _write(
-    path: Path,
-    m: mujoco.MjModel,
-    began_s: float,
-    time_s: np.ndarray,
-    commands: np.ndarray,
-    stamps: np.ndarray,
-    read: np.ndarray,
-) -> None:
-    """A ROS 2 bag (MCAP) of commands (n, nu) and readings (n, nj) in rad."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    types = store.types
-    state = types["sensor_msgs/msg/JointState"]
-    joints = [m.joint(i).name for i in range(m.njnt)]
-    servos = [m.actuator(i).name.replace("_A_", "_") for i in range(m.nu)]
-
-    def message(names: list[str], position: np.ndarray, at_s: float) -> bytes:
-        stamp = types["builtin_interfaces/msg/Time"](sec=int(at_s), nanosec=int((at_s - int(at_s)) * 1e9))
-        header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="")
-        empty = np.zeros(0)
-        whole = state(header=header, name=names, position=np.asarray(position, float), velocity=empty, effort=empty)
-        return bytes(store.serialize_cdr(whole, state.__msgtype__))
-
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
-        states = bag.add_connection("/joint_states", state.__msgtype__, typestore=store)
-        targets = bag.add_connection("/joint_commands", state.__msgtype__, typestore=store)
-        for i in range(len(time_s)):
-            sent, seen = began_s + time_s[i], began_s + stamps[i]
-            bag.write(targets, int(sent * 1e9), message(servos, commands[i], sent))
-            bag.write(states, int(seen * 1e9) + 300_000, message(joints, read[i], seen))

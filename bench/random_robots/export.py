@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -75,8 +76,13 @@ def truth(case: Case) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def write_bag(path: Path, recording: Recording, joints: tuple[str, ...], commands: tuple[str, ...]) -> None:
-    """A ROS 2 bag (MCAP): sensor_msgs/JointState on /joint_states and, as position targets, on /joint_commands."""
+def write_bag(
+    path: Path, recording: Recording, joints: Sequence[str], commands: Sequence[str], *, began_s: int = _EPOCH_S
+) -> None:
+    """A ROS 2 bag (MCAP): sensor_msgs/JointState on /joint_states and, as position targets, on /joint_commands.
+
+    The recording's times count from `began_s`, in seconds since 1970.
+    """
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -92,10 +98,10 @@ def write_bag(path: Path, recording: Recording, joints: tuple[str, ...], command
 
     rows = []
     for sent, target in zip(recording.sent_s, recording.targets, strict=True):
-        stamp_ns = _EPOCH_S * 10**9 + round(sent * 1e9)
+        stamp_ns = began_s * 10**9 + round(sent * 1e9)
         rows.append((stamp_ns, 0, message(stamp_ns, list(commands), target)))
     for stamp, reading in zip(recording.stamps_s, recording.readings, strict=True):
-        stamp_ns = _EPOCH_S * 10**9 + round(stamp * 1e9)
+        stamp_ns = began_s * 10**9 + round(stamp * 1e9)
         rows.append((stamp_ns + _TRANSPORT_NS, 1, message(stamp_ns, list(joints), reading)))
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         topics = [writer.add_connection(name, state.__msgtype__, typestore=store) for name in _TOPICS]
