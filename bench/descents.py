@@ -138,7 +138,7 @@ def _calibration(twin: TwinModel, aligned: Aligned, space: str) -> list[Part]:
     """What `twin calibrate` descends, part by part."""
     known, moving = load_space(space), moving_joints([aligned])
     variables, joints = variables_of(known, twin, moving), objective_of(known, twin, moving)
-    found = reduced_problems(twin, excerpts([aligned]), variables, joints, separable=True, free_onsets=True, clear=True)
+    found = reduced_problems(twin, excerpts([aligned]), variables, joints, separable=True, free_onsets=True)
     return [(sub.problem, []) for sub in found]
 
 

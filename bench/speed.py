@@ -90,7 +90,7 @@ def _finger(twin: TwinModel, aligned: Aligned) -> tuple[Work, Work]:
 def _touching(twin: TwinModel, aligned: Aligned) -> tuple[Work, Work]:
     moving = tuple(n for n, moves in zip(twin.joints, aligned.moving, strict=True) if moves)
     variables = variables_of(load_space("wear"), twin, moving)
-    parts = reduced_problems(twin, [aligned], variables, moving, separable=True, clear=True)
+    parts = reduced_problems(twin, [aligned], variables, moving, separable=True)
     turned = {variable.name for sub in parts for variable in sub.problem.variables}
     same = [variable for variable in variables if variable.name in turned]
     joints = [name for name in moving if any(name in sub.problem.objective for sub in parts)]

@@ -51,6 +51,8 @@ class Calibration:
     wall_s: float
     interrupted: bool
     onsets_s: tuple[float, ...]
+    not_fitted: tuple[str, ...]
+    """Names of what was left as it is, since its part touches something nearly all the time."""
 
 
 def calibrate(
@@ -62,14 +64,13 @@ def calibrate(
     *,
     budget: int | None = None,
     seconds: float | None = None,
-    clear: bool = False,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Calibration:
     """Fits the space's parameters to the training recordings and judges them on the held-out ones.
 
-    With `clear` parts that touch each other are fitted to the motion in which they touch nothing, and left alone where
-    there is none; the errors are those of the whole recordings all the same. The search ends after `budget`
+    Parts that touch each other are fitted to the motion in which they touch nothing, and left alone where there is
+    none; the errors are those of the whole recordings all the same. The search ends after `budget`
     evaluations or `seconds` of the processor, whichever comes first. Raises BadInput where the search is unknown or
     nothing of the space moves. A KeyboardInterrupt ends the search and keeps the best point.
     """
@@ -112,7 +113,6 @@ def calibrate(
                 objective,
                 separable=descends,
                 free_onsets=descends and stage is not _polish,
-                clear=clear,
                 prior_weight=space.anchor_rad,
             )
             found.run(problems, stage, evaluations, seed, time_s)
@@ -127,6 +127,7 @@ def calibrate(
         fitted, after, aligned = start, before, began_aligned
         found.units = {}
     parameters, correlations = _fitted(problems, found.units)
+    searched = {variable.name for sub in problems for variable in sub.problem.variables}
     return Calibration(
         terms=fitted.terms,
         objective=objective,
@@ -143,6 +144,7 @@ def calibrate(
         wall_s=time.monotonic() - began,
         interrupted=interrupted,
         onsets_s=tuple(r.onset_s for r in aligned),
+        not_fitted=tuple(variable.name for variable in variables if problems and variable.name not in searched),
     )
 
 

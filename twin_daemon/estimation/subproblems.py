@@ -64,14 +64,13 @@ def reduced_problems(
     *,
     separable: bool,
     free_onsets: bool = False,
-    clear: bool = False,
     prior_weight: float = 0.0,
 ) -> list[SubProblem]:
     """One sub-problem for each part of the hand that the variables leave independent; one in all where they do not.
 
     A trunk that moves is a part as well, and moves under each of the others as its commands say; what they do to it
-    while they move is left out, as it is small beside what it carries. With `clear`, parts that touch each other are
-    fitted to the time in which they touch nothing, and left out if they have too little of that: what a contact does
+    while they move is left out, as it is small beside what it carries. Parts that touch each other are fitted to the
+    time in which they touch nothing, and left out if they have too little of that: what a contact does
     hangs on surfaces that no model has right, and a free roll-out through one says more about chance than about values.
 
     With `free_onsets` each has a correction of its own to every onset that was estimated: it depends on the lag of its
@@ -84,7 +83,7 @@ def reduced_problems(
     split = separable and sum(len(own) for _, own in groups) == len(variables)
     shares = [_Share(p, own, [j for j in objective if j in p.joints], len(objective)) for p, own in groups]
     shares = [share for share in shares if share.variables and share.joints]
-    if split and contacts and clear and not any(r.onset_free for r in recordings):
+    if split and contacts and not any(r.onset_free for r in recordings):
         out = _clear_problems(twin, recordings, shares, prior_weight)
         if out:
             return out

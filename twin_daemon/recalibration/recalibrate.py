@@ -70,7 +70,6 @@ def recalibrate(
         _SEARCH,
         budget=budget,
         seconds=time_s,
-        clear=True,
         seed=seed,
         progress=progress,
     )

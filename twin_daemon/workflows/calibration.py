@@ -36,6 +36,11 @@ def calibrated(
     train, held, notes = held_out(train, held)
     with on_cluster(cluster), progress_bar(f"{search} over '{chosen.name}'", budget) as report:
         result = calibrate(session.twin, train, held, chosen, search, budget=budget, seed=seed, progress=report)
+    if result.not_fitted:
+        notes.append(
+            f"left as they are, since their parts touch something nearly all the time: {', '.join(result.not_fitted)}. "
+            "Record them clear of each other"
+        )
     stored = _store(session, result, train, held, chosen.name, search, budget, seed)
     return _payload(result, stored, [*warnings, *notes], chosen.name, search, seed), result
 
