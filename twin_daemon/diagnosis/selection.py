@@ -86,7 +86,7 @@ def next_effect(
     weighed = {r.hypothesis.name: 0.5 * (screening.cost - r.cost) - part.price(r.problem) for r in first_fits}
     full = concurrently(limit.checked(lambda first: part.full_fit(first, FULL_FIT_ROLLOUTS)), finalists)
     full += _limits_of(part, screening, full)
-    fits = sorted(((part.evidence_nats(fit), fit) for fit in _best_of_each(full)), key=lambda item: -item[0])
+    fits = sorted(((part.evidence_nats(fit), fit) for fit in full), key=lambda item: -item[0])
     weighed |= {_named(fit): evidence for evidence, fit in fits}
     for evidence, fit in fits:
         say(f"  {_named(fit)}: evidence {evidence:.0f} nats, {fit.chi_square:.1f} times the floor")
@@ -155,9 +155,12 @@ def next_effect(
 def _limits_of(part: PartFit, screening: Screening, laws: Sequence[Fit]) -> list[Fit]:
     """The laws that fitted ones become at a bound of theirs, fitted from where these have come to.
 
-    No position data may tell the two apart, so that neither may be the only answer for want of a start.
+    No position data may tell the two apart, so that neither may be the only answer for want of a start. Those that were
+    fitted from starts of their own stay as they are.
     """
-    pairs = [(h, law) for law in laws for h in screening.candidates if law.hypothesis and h.is_limit_of(law.hypothesis)]
+    fitted = {_named(law) for law in laws}
+    asked = [hypothesis for hypothesis in screening.candidates if hypothesis.name not in fitted]
+    pairs = [(h, law) for law in laws for h in asked if law.hypothesis and h.is_limit_of(law.hypothesis)]
     found = []
     for hypothesis, law in pairs:
         values = hypothesis.effect.as_limit_of(law.values)
@@ -165,11 +168,6 @@ def _limits_of(part: PartFit, screening: Screening, laws: Sequence[Fit]) -> list
         problem = part.problem_with((begun, begun.starts[0]))
         found.append(part.ended(begun, problem, problem.start_from(law.nuisances), FULL_FIT_ROLLOUTS))
     return found
-
-
-def _best_of_each(fits: Sequence[Fit]) -> list[Fit]:
-    """The fit of each candidate that costs least."""
-    return list({_named(fit): fit for fit in sorted(fits, key=lambda fit: -fit.cost)}.values())
 
 
 def _lost(
