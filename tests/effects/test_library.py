@@ -228,3 +228,12 @@ def test_an_effect_works_on_another_robot(key: str, shared_data):
             positions = roll_out([twin.model], controls[None], twin.initial_qpos(np.zeros(len(arm.joints)))[None])
             assert np.isfinite(positions).all()
             assert np.abs(positions[:, :, twin.qpos_adr]).max() < 10.0
+
+
+@pytest.mark.parametrize(("key", "law"), [(key, law) for key, effect in LIBRARY.items() for law in effect.limit_of])
+def test_the_limit_of_a_law_is_reached_from_every_value_of_that_law(key: str, law: str, bench: Bench):
+    for start in LIBRARY[law].starts(bench.twin.scale("rh_FFJ3")):
+        values = LIBRARY[key].as_limit_of(LIBRARY[law].complete(start))
+        complete = LIBRARY[key].complete(values)
+        assert set(values) <= set(complete)
+        assert complete != LIBRARY[key].complete(LIBRARY[key].neutral())

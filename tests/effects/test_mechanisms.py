@@ -68,14 +68,16 @@ def test_a_silent_servo_lets_the_joint_rest_at_the_edge_of_its_band(smooth: Twin
     assert [0.7 - _hold(smooth, start, silent) for start in (0.4, 1.0)] == pytest.approx([band, -band], abs=1e-3)
 
 
-@pytest.mark.parametrize("derivative", [0.02, 0.2])
+@pytest.mark.parametrize("derivative", [-0.02, -0.2, 1.0])
 def test_a_silent_servo_may_have_derivative_action(derivative: float):
+    """Given as its gain, which MuJoCo has negative, or as a damping ratio."""
+
     def damped(spec) -> None:
         spec.option.gravity = np.zeros(3)
         for joint in spec.joints:
             joint.frictionloss = 0.0
         spec.option.timestep, spec.option.integrator = 0.004, mujoco.mjtIntegrator.mjINT_EULER
-        spec.actuator("rh_A_FFJ3").biasprm[2] = -derivative
+        spec.actuator("rh_A_FFJ3").biasprm[2] = derivative
 
     silent = ("dead_zone", "rh_FFJ3", {"band": 0.03})
     assert [0.7 - _hold(loaded_finger(damped), start, silent) for start in (0.4, 1.0)] == pytest.approx(

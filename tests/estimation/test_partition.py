@@ -70,3 +70,15 @@ def test_errors_leave_the_contact_out_and_tell_two_twins_apart(
     worst = [float(np.nanmax(np.abs(r[:, aligned.joints.index("rh_FFJ3")]))) for r in (nominal, right)]
     assert worst[0] > 0.05
     assert worst[1] < 0.005
+
+
+def test_what_never_moves_clear_of_a_contact_is_left_as_it_is_and_named(twin: TwinModel) -> None:
+    pushed = {"rh_FFJ4": ([0.0, 6.0], [0.34, 0.34]), "rh_MFJ4": ([0.0, 6.0], [-0.34, -0.34])}
+    bent = ([0, 0.5, 1.2, 2.0, 2.01, 3.0, 4.0, 5.5], [0.4, 0.4, 0.5, 0.5, 0.45, 0.55, 0.4, 0.4])
+    motion: Motion = {**pushed, "rh_FFJ3": bent, "rh_MFJ3": bent, "rh_LFJ3": (_BASE_S, _BASE_RAD)}
+    aligned = align(twin, recorded(twin, motion, np.random.default_rng(3), seconds=6.0))
+    found = calibrate(twin, [aligned], [], load_space("wear"), "bayes-descent", budget=40)
+    assert any(name.startswith("rh_LFJ3") for name in found.parameters)
+    assert {"rh_FFJ3.damping", "rh_MFJ3.damping"} <= set(found.not_fitted)
+    assert not any("rh_LFJ3" in name for name in found.not_fitted)
+    assert not set(found.not_fitted) & set(found.parameters)

@@ -85,6 +85,11 @@ class Outcome:
         return {one.hypothesis.name for one in self.accepted}
 
     @property
+    def explains(self) -> bool:
+        """Whether it leaves what a right model does, with no nuisance further off than any plausible hand's."""
+        return self.left <= 1.0 and not beyond_any_hand(self.deviating)
+
+    @property
     def unknown(self) -> float:
         """Probability that the part lacks what is no law of the library."""
         left = self.left

@@ -62,11 +62,11 @@ class PartSearch:
         part = self.part
         found, left = self._one_after_another(None)
         begun = [one for one in found.others if one.hypothesis.name not in found.names]
-        last = (found.accepted or [*begun, None])[-1]
-        if found.unfinished or self.most_effects < 2 or last is None:
+        best = found.accepted or begun
+        if found.unfinished or self.most_effects < 2 or not best:
             return found
-        against, may_leave = last.fit, np.full_like(left, np.inf)
-        if _explains(found):
+        against, may_leave = best[-1].fit, np.full_like(left, np.inf)
+        if found.explains:
             if (RELATIVE_ERROR * left < 1.0).all():
                 return found
             # it may be the form of its law that leaves much: only what leaves a small part of that is another answer
@@ -80,7 +80,7 @@ class PartSearch:
             other.tried = [*found.tried, *other.tried]
             reached[named] = part.evidence_nats(other.accepted[-1].fit)
             better = reached[named] > part.evidence_nats(against) + decisive(against)
-            if better and _explains(other) and (left <= may_leave).all():
+            if better and other.explains and (left <= may_leave).all():
                 first = other.accepted[0]
                 # each beginning is worth what it has come to with what was found beside it
                 weighed = {**first.weighed, **reached}
@@ -149,11 +149,6 @@ class PartSearch:
         of_allowed = f"of what a right model may leave {fitted:.1f} times fitted, {held_out:.1f} held out"
         self.say(f"  with {named}: {part.base.chi_square:.1f} times the floor; {of_allowed}")
         return part, validation, left
-
-
-def _explains(outcome: Outcome) -> bool:
-    """Whether what was found leaves what a right model does, with no nuisance further off than any plausible hand's."""
-    return outcome.left <= 1.0 and not beyond_any_hand(outcome.deviating)
 
 
 def _is_refinement(first: PartFit, part: PartFit, fit: Fit, outcome: Outcome, *, enough: bool) -> bool:

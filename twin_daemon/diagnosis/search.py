@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin_daemon.diagnosis.conclude import Outcome, conclude, nothing_moves
-from twin_daemon.diagnosis.far_off import beyond_any_hand, deviating
+from twin_daemon.diagnosis.far_off import deviating
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.part_search import PartSearch, begun_outcome
 from twin_daemon.diagnosis.power import undetectable
@@ -255,7 +255,7 @@ class _Hunt:
             left.sort(key=lambda item: -float(item[1].times_floor.max()))
             reduced, part = left[0]
             outcome = self._searched(part, reduced)
-            if not outcome.accepted or outcome.left > 1.0 or beyond_any_hand(outcome.deviating):
+            if not outcome.accepted or not outcome.explains:
                 break
             self.outcomes.append(outcome)
             terms = twin.terms
