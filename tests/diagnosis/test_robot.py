@@ -150,3 +150,22 @@ def test_a_late_bus_is_every_servos_where_one_of_them_hardly_shows_it(tmp_path: 
     assert (said["verdict"], found["effect"], found["target"]) == ("explained", "command_delay", "robot")
     assert set(found["joints"]) == set(SERVOS)
     assert set(said["parts"]) == set(SERVOS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stiffness", [0.3, 3.0])
+def test_a_late_bus_is_one_cause_where_one_joint_has_something_of_its_own_as_well(
+    stiffness: float, tmp_path: Path
+) -> None:
+    """A spring a thirteenth as stiff as its servo, and one that is nearly as stiff and would drag the delay along."""
+    own = EffectTerm(effect="spring", target="left", values={"stiffness": stiffness, "preload": 0.0})
+    model, bag, other = changed_rig(tmp_path, "command_delay", {"delay": DELAY_S}, own, noise_rad=5e-4)
+    said = called("diagnose", "--model", str(model), "--recording", str(bag), "--holdout", str(other),
+                  result=tmp_path / "d.json")  # fmt: skip
+    found = {one["effect"]: one for one in said["findings"]}
+    assert set(found) == {"command_delay", "spring"}
+    assert len(said["findings"]) == 2
+    assert (found["command_delay"]["target"], found["spring"]["target"]) == (ROBOT, "left")
+    assert set(found["command_delay"]["joints"]) == set(SERVOS)
+    low, high = found["command_delay"]["parameters"]["delay"]["ci95"]
+    assert low < DELAY_S < high

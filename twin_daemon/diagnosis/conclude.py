@@ -113,14 +113,14 @@ def conclude(
     touching: Sequence[str],
     interrupted: bool,
     shared: Sequence[Finding] = (),
-    shared_posterior: Mapping[str, float] | None = None,
+    shared_posteriors: Sequence[Mapping[str, float]] = (),
 ) -> Diagnosis:
-    """`shared` are findings of several groups together, after which these are within the floor."""
+    """`shared` are findings of several groups together, each with a distribution over what may be in its place."""
     findings = [*shared, *(_finding(item, o.unknown) for o in outcomes for item in o.accepted)]
     findings = _ranked(findings)
     # of what was not searched to the end nobody can say how probable a law is that is not in the library
     finished = not any(o.unfinished for o in outcomes)
-    probabilities = combined(_causes(outcomes, shared_posterior), [o.unknown for o in outcomes]) if finished else ()
+    probabilities = combined(_causes(outcomes, shared_posteriors), [o.unknown for o in outcomes]) if finished else ()
     above = [o for o in outcomes if not o.within_floor]
     # of a part that only held-out motion puts above the floor a little more is no new law yet
     unexplained = [o for o in above if o.left > 1.0 and o.unknown > 1.0 - SURE]
@@ -199,10 +199,10 @@ def _ranked(findings: Sequence[Finding]) -> list[Finding]:
     return sorted(findings, key=key)
 
 
-def _causes(outcomes: Sequence[Outcome], shared: Mapping[str, float] | None) -> list[Mapping[str, float]]:
+def _causes(outcomes: Sequence[Outcome], shared: Sequence[Mapping[str, float]]) -> list[Mapping[str, float]]:
     """One distribution for each place among the causes."""
     own = [item.posterior for outcome in outcomes for item in outcome.accepted]
-    return [*([shared] if shared else []), *own]
+    return [*shared, *own]
 
 
 def _too_poor(outcome: Outcome) -> str:

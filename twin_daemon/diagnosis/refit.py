@@ -10,7 +10,8 @@ import numpy as np
 from twin_daemon.diagnosis.candidates import Hypothesis, candidate, informed
 from twin_daemon.diagnosis.fit import Fit, own_columns, own_estimates
 from twin_daemon.diagnosis.part_fit import PartFit
-from twin_daemon.diagnosis.shared import SharedCause, SharedSearch, estimates
+from twin_daemon.diagnosis.shared import SharedSearch
+from twin_daemon.diagnosis.shared_cause import SharedCause
 from twin_daemon.diagnosis.thresholds import FULL_FIT_ROLLOUTS, REFIT_ROLLOUTS, REFIT_ROUNDS, REFIT_STARTS, SETTLED
 from twin_daemon.effects.base import Effect
 from twin_daemon.errors import BadInput
@@ -117,7 +118,7 @@ def refit_shared(
     beside = there.beside(cause, found.values)
     return Refit(
         (cause.term(found.values),),
-        {f"{cause.name}.{name}": one for name, one in estimates(cause, found.values, slopes).items()},
+        {f"{cause.name}.{name}": one for name, one in cause.estimates(found.values, slopes).items()},
         {name: value for _, part in beside for name, value in part.base.moved.items()},
         [],
     )

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from twin_daemon.diagnosis.common import of_all_servos
 from twin_daemon.diagnosis.conclude import Outcome, conclude, nothing_moves
 from twin_daemon.diagnosis.far_off import deviating
 from twin_daemon.diagnosis.part_fit import PartFit
@@ -14,7 +15,8 @@ from twin_daemon.diagnosis.part_search import PartSearch, begun_outcome
 from twin_daemon.diagnosis.power import undetectable
 from twin_daemon.diagnosis.screening import Screening
 from twin_daemon.diagnosis.selection import Say
-from twin_daemon.diagnosis.shared import Shared, SharedCause, SharedSearch, at_nominal, look, shared_causes
+from twin_daemon.diagnosis.shared import Shared, SharedSearch, at_nominal, look
+from twin_daemon.diagnosis.shared_cause import SharedCause, shared_causes
 from twin_daemon.diagnosis.thresholds import CLOSER_LOOK, DEVIATING_SIGMA, MOST_EFFECTS, OF_ALL_LEFT
 from twin_daemon.diagnosis.validation import Validation
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding
@@ -56,6 +58,7 @@ def diagnose(
     findings: list[Finding] = []
     touching: list[str] = []
     above: list[tuple[Reduced, PartFit]] = []
+    causes: list[Mapping[str, float]] = []
     shared: Shared | None = None
     interrupted = False
     try:
@@ -77,18 +80,30 @@ def diagnose(
             shared = _shared(twin, reduction, above, len(looked_at), limit, seed, say)
         elif not above and shared is None:
             shared = _common(twin, reduction, looked_at, limit, seed, say)
-        if shared is not None:
+        groups = [reduced for reduced, _ in begun]
+        while shared is not None:
             theirs = {part.joints for _, part in shared.looked_at}
             outcomes = [outcome for outcome in outcomes if outcome.joints not in theirs]
             for reduced, part in shared.looked_at:
                 outcomes.append(replace(begun_outcome(reduced, part), within_floor=True))
-            rest = [reduced for reduced, part in begun if part.joints not in theirs]
-            finding, doubtful = _everywhere(shared.finding, rest, outcomes, seed, say)
+            groups = [group for group in groups if group.joints not in theirs]
+            finding, above = _everywhere(shared.finding, groups, outcomes, seed, say)
             findings.append(finding)
-            above = _above(concurrently(look, doubtful), outcomes, seed, say)
+            causes.append(shared.posterior)
+            if finding.target != ROBOT:
+                break
+            # beside what all have some may have something of their own, which several feel
+            twin = twin.changed(twin.terms.with_effect(_everywhere_term(finding)))
+            reduction = reduction.following(twin)
+            groups = [_with_everywhere(group, finding) for group in groups]
+            shared = _shared(twin, reduction, above, len(begun), limit, seed, say) if len(above) > 1 else None
         hunt = _Hunt(twin, reduction, seed, say, most_effects, limit, outcomes, touching)
         for unit in _units(twin, above):
             hunt.search(unit)
+        if not findings and (once := _said_once(groups, outcomes, seed, say)):
+            finding, outcomes = once
+            findings.append(finding)
+            causes.append({finding.name: finding.probability or 0.0})
     except (KeyboardInterrupt, OutOfTime):
         interrupted = True
     judged = {joint for outcome in outcomes for joint in outcome.joints}
@@ -96,8 +111,7 @@ def diagnose(
         if not judged & set(reduced.joints):
             outcomes.append(replace(begun_outcome(reduced, part), unfinished=True))
     interrupted = interrupted or any(outcome.unfinished for outcome in outcomes)
-    shares = shared.posterior if shared is not None else None
-    return conclude(twin, train, outcomes, touching, interrupted, findings, shares)
+    return conclude(twin, train, outcomes, touching, interrupted, findings, causes)
 
 
 def _looked_at(begun: tuple[Reduced, PartFit]) -> tuple[Reduced, PartFit]:
@@ -142,10 +156,11 @@ def _of_all(
     if len(chosen) < 2 or 2 * len(chosen) <= len(begun):
         return None
     above = [begun[i] for i in chosen]
-    causes = [cause for cause in shared_causes(twin, above, len(begun)) if cause.target == ROBOT]
+    moving = [joint for reduced, _ in above for joint in reduced.joints]
+    causes = [cause for cause in shared_causes(twin, moving, everywhere=True) if cause.target == ROBOT]
     found = search.only(chosen).best(causes, limit, seed, most_left=OF_ALL_LEFT)
     if found is not None:
-        say(f"{found.finding.name} explains all {len(above)} groups above the floor")
+        say(f"{found.finding.name} explains {len(found.looked_at)} of {len(above)} groups above the floor")
     return found
 
 
@@ -159,10 +174,11 @@ def _shared(
     say: Say,
 ) -> Shared | None:
     """One cause behind all groups above the floor: cheaper than one each, so it is tried first."""
-    causes = shared_causes(twin, above, groups)
+    moving = [joint for reduced, _ in above for joint in reduced.joints]
+    causes = shared_causes(twin, moving, everywhere=2 * len(above) > groups)
     found = SharedSearch(twin, reduction, above).best(causes, limit, seed)
     if found is not None:
-        say(f"{found.finding.name} explains all {len(above)} groups above the floor")
+        say(f"{found.finding.name} explains {len(found.looked_at)} of {len(above)} groups above the floor")
     return found
 
 
@@ -196,32 +212,57 @@ def _off_the_same_way(looked_at: Sequence[tuple[Reduced, PartFit]], kind: str) -
     return len(found) > 1 and abs(sum(found)) > DEVIATING_SIGMA * len(found) ** 0.5
 
 
+def _everywhere_term(finding: Finding) -> EffectTerm:
+    return EffectTerm(effect=finding.effect, target=ROBOT, values=finding.values)
+
+
+def _with_everywhere(group: Reduced, finding: Finding) -> Reduced:
+    terms = group.twin.terms.with_effect(_everywhere_term(finding))
+    return replace(group, twin=group.twin.changed(terms))
+
+
 def _everywhere(
     finding: Finding, groups: Sequence[Reduced], outcomes: list[Outcome], seed: int, say: Say
-) -> tuple[Finding, list[Reduced]]:
-    """(a cause with all groups that are sound with it, the groups that nobody has judged and that are not).
+) -> tuple[Finding, list[tuple[Reduced, PartFit]]]:
+    """(a cause with all groups that have it, the groups at which something is missing beside it).
 
-    A cause that all servos or joints have is theirs, too, at which it hardly shows. What their nominal values stood in
-    for is taken back in `outcomes`.
+    A cause that all servos or joints have is theirs, too, at which it hardly shows, or beside which they have one of
+    their own. What their nominal values stood in for is taken back in `outcomes`.
     """
     if finding.target != ROBOT:
         return finding, []
-    term = EffectTerm(effect=finding.effect, target=ROBOT, values=finding.values)
-    changed = [replace(group, twin=group.twin.changed(group.twin.terms.with_effect(term))) for group in groups]
+    changed = [_with_everywhere(group, finding) for group in groups]
     known = {outcome.joints: place for place, outcome in enumerate(outcomes)}
     theirs: list[str] = []
-    doubtful: list[Reduced] = []
-    for group, (reduced, part) in zip(groups, concurrently(look, changed), strict=True):
+    above: list[tuple[Reduced, PartFit]] = []
+    for reduced, part in concurrently(look, changed):
         outcome = _within_floor(part, reduced, seed, say, seen=True)
-        if outcome is None:
-            doubtful += [] if part.joints in known else [group]
-            continue
+        if outcome is None and part.joints in known:
+            continue  # sound without it, and not with it
         theirs += part.joints
-        if part.joints in known:
+        if outcome is None:
+            above.append((reduced, part))
+        elif part.joints in known:
             outcomes[known[part.joints]] = outcome
         else:
             outcomes.append(outcome)
-    return finding.model_copy(update={"joints": (*finding.joints, *theirs)}), doubtful
+    return finding.model_copy(update={"joints": (*finding.joints, *theirs)}), above
+
+
+def _said_once(
+    groups: Sequence[Reduced], outcomes: Sequence[Outcome], seed: int, say: Say
+) -> tuple[Finding, list[Outcome]] | None:
+    """(a cause that was found at one servo after another and that all others have as well, the outcomes without it)."""
+    found = of_all_servos(outcomes)
+    if found is None:
+        return None
+    finding, left = found[0], list(found[1])
+    rest = [group for group in groups if not set(group.joints) <= set(finding.joints)]
+    everywhere, _ = _everywhere(finding, rest, left, seed, say)
+    if any(not set(group.joints) <= set(everywhere.joints) for group in rest):
+        return None
+    say(f"{finding.name}: found at one servo after another, with one value for all")
+    return everywhere, left
 
 
 def _units(twin: TwinModel, above: Sequence[tuple[Reduced, PartFit]]) -> list[list[tuple[Reduced, PartFit]]]:

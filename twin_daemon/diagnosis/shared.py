@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from twin_daemon.diagnosis.far_off import beyond_any_hand, needed
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.probability import posterior
 from twin_daemon.diagnosis.screening import over_some
+from twin_daemon.diagnosis.shared_cause import SharedCause
 from twin_daemon.diagnosis.thresholds import (
     COMPARABLE,
     DECISIVE_NATS,
@@ -27,63 +28,21 @@ from twin_daemon.diagnosis.thresholds import (
     SHARED_SETTLED_NATS,
     SHARED_SHARES,
     SHARED_STEPS,
-    VALUE_FLOOR,
 )
 from twin_daemon.diagnosis.validation import Validation
 from twin_daemon.diagnosis.verdict import Finding
-from twin_daemon.effects import LIBRARY
-from twin_daemon.effects.base import Effect
 from twin_daemon.errors import BadInput
-from twin_daemon.estimation.estimate import Estimate
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.estimation.posterior import Posterior
 from twin_daemon.estimation.solvers.trust_region import differenced
-from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE, Z95
+from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
 from twin_daemon.estimation.uncertainty import block_gain
 from twin_daemon.estimation.variables import Variable
 from twin_daemon.estimation.windows import spread
 from twin_daemon.executor import TimeLimit, concurrently
-from twin_daemon.places import HAND, ROBOT
 from twin_daemon.simulation.submodel import linked
-from twin_daemon.simulation.terms import EffectTerm, Terms
+from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
-
-
-@dataclass(frozen=True)
-class SharedCause:
-    """An effect with one set of values for several groups, at all servos, at a link that they carry, or at the base.
-
-    Values that are `given` stay as they are.
-    """
-
-    effect: Effect
-    target: str
-    given: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def name(self) -> str:
-        return f"{self.effect.key}:{self.target}"
-
-    @property
-    def amplitudes(self) -> tuple[str, ...]:
-        """The parameters that are moved."""
-        if self.effect.shared == "load":
-            names = tuple(parameter.name for parameter in self.effect.parameters)
-        else:
-            names = (self.effect.everywhere,) if self.effect.everywhere else self.effect.presence
-        return tuple(name for name in names if name not in self.given)
-
-    def terms(self, twin: TwinModel, values: Mapping[str, float]) -> Terms:
-        """The twin's terms with this cause."""
-        return twin.terms.with_effect(self.term(values))
-
-    def term(self, values: Mapping[str, float]) -> EffectTerm:
-        return EffectTerm(effect=self.effect.key, target=self.target, values=_accepted(self.effect, values))
-
-    def starts(self, twin: TwinModel, joints: Sequence[str]) -> tuple[dict[str, float], ...]:
-        place = self.target if self.target in twin.joints else joints[0]
-        starts = self.effect.starts_everywhere() or self.effect.starts(twin.scale(place))
-        return tuple(_accepted(self.effect, {**s, **self.given}) for s in starts)
 
 
 @dataclass(frozen=True)
@@ -184,21 +143,21 @@ class SharedSearch:
         limit.check()
         joints = [joint for reduced, _ in self._above for joint in reduced.joints]
         starts = cause.starts(self._twin, joints)
-        directions = _directions(cause, starts)
+        outwards = cause.directions(starts)
         found: list[_Begun] = []
         if cause.effect.shared == "load":
-            for start in directions:
+            for start in outwards:
                 found += self._projected(cause, start)
         else:
             begun = [(start, 1.0) for start in starts]
-            begun += [(start, share) for start in directions for share in SHARED_SHARES[1:]]
+            begun += [(start, share) for start in outwards for share in SHARED_SHARES[1:]]
             found = [one for start, share in begun if (one := self._at(cause, start, share)) is not None]
         return min(found, key=lambda one: one.cost) if found else None
 
     def at(self, cause: SharedCause, values: Mapping[str, float]) -> _Begun:
         """A cause at known values."""
-        accepted = _accepted(cause.effect, {**values, **cause.given})
-        return _Begun(cause, accepted, self._rows(cause, accepted))
+        complete = cause.accepted({**values, **cause.given})
+        return _Begun(cause, complete, self._rows(cause, complete))
 
     def beside(self, cause: SharedCause, values: Mapping[str, float]) -> list[tuple[Reduced, PartFit]]:
         """The groups with a cause in their models, and what is uncertain about them fitted beside it."""
@@ -218,9 +177,9 @@ class SharedSearch:
 
     def _at(self, cause: SharedCause, start: Mapping[str, float], share: float) -> _Begun | None:
         """A cause at a share of a start; None where it cannot stand beside what the twin has."""
-        along = _along(cause, start, share)
+        values = cause.along(start, share)
         with contextlib.suppress(BadInput):
-            return _Begun(cause, along, self._rows(cause, along))
+            return _Begun(cause, values, self._rows(cause, values))
         return None
 
     def _projected(self, cause: SharedCause, start: Mapping[str, float]) -> list[_Begun]:
@@ -244,7 +203,7 @@ class SharedSearch:
         for share in SHARED_STEPS:
             limit.check()
             for column, name in enumerate(cause.amplitudes):
-                step = share * max(abs(begun.values[name]), abs(_typical(cause, name)))
+                step = share * max(abs(begun.values[name]), abs(cause.typical(name)))
                 rows = self._rows(cause, begun.values | {name: begun.values[name] + step})
                 slopes[:, column] = (rows - begun.rows) / step
             move = np.linalg.lstsq(slopes, -begun.rows, rcond=None)[0]
@@ -309,15 +268,20 @@ class SharedSearch:
         cause, values = found.cause, found.values
         above, looked_at = self._above, there.beside(cause, values)
         squares = _passing(above, looked_at, seed)
-        if squares is None and cause.effect.shared == "load":
+        if None in squares and cause.effect.shared == "load":
             # a load ties the joints that carry it together, more than their measured motion can say of each other
             limit.check()
             above = self.joined(self._twin)
             looked_at = there.joined(self._twin.changed(cause.terms(self._twin, values)))
             squares = _passing(above, looked_at, seed)
-        if squares is None:
+        elif None in squares:
+            passing = [i for i, one in enumerate(squares) if one is not None]
+            if 2 * len(passing) > len(squares) > 2:
+                # what most have all may have, and some something of their own beside it
+                return self.only(passing).best(causes, limit, seed)
+        if not squares or None in squares:
             return None
-        before, after = squares
+        before, after = (np.concatenate(both) for both in zip(*filter(None, squares), strict=True))
         others = [other for other, _ in fits if other is not best]
         ties = tuple(o.cause.name for o in others if 0.5 * (o.cost - best.cost) < DECISIVE_NATS)
         shares = posterior({one.cause.name: 0.5 * (nothing - one.cost) for one, _ in fits}, DECISIVE_NATS)
@@ -334,7 +298,7 @@ class SharedSearch:
             effect=cause.effect.key,
             target=cause.target,
             joints=joints,
-            parameters=estimates(cause, values, slopes),
+            parameters=cause.estimates(values, slopes),
             values=cause.term(values).values,
             moved={name: value for _, part in looked_at for name, value in part.base.moved.items()},
             evidence_nats=evidence,
@@ -351,29 +315,33 @@ class SharedSearch:
 
 def _passing(
     above: Sequence[tuple[Reduced, PartFit]], looked_at: Sequence[tuple[Reduced, PartFit]], seed: int
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """(n,) squared errors on held-out motion without and with a cause, in rad^2; None where a right model leaves less.
+) -> list[tuple[np.ndarray, np.ndarray] | None]:
+    """By group (n,) squared errors on held-out motion without and with a cause, in rad^2; None where it does not pass.
 
-    Nor does a right one force uncertain values further off than any hand has them. Both are lists of the same groups,
-    the second with the cause in their models; empty where a group has too little motion in which it touches nothing.
+    A right model leaves no more, and forces no uncertain value further off than any hand has it. Both are lists of the
+    same groups, the second with the cause in their models; empty where a group has too little motion in which it
+    touches nothing. Held-out motion is asked only where most groups pass on the fitted one.
     """
-    both = list(zip(above, looked_at, strict=True))
-    if not both:
-        return None
-    for (_, old), (_, new) in both:
-        # of what nobody has fitted no share says anything
-        share = 0.0 if old.nominal else RELATIVE_ERROR
-        most = np.maximum(FLOOR_CHI_SQUARE, share * old.times_floor)
-        if (new.times_floor > most).any() or beyond_any_hand(needed(new, most)):
-            return None
-    squares = []
-    for (reduced, old), (changed, new) in both:
-        before = Validation(old, reduced.holdout, seed=seed)
-        after = Validation(new, changed.holdout, seed=seed, first=None if old.nominal else before)
-        if not after.judge(new.base).adequate:
-            return None
-        squares.append((before.squares(), after.squares()))
-    return np.concatenate([b for b, _ in squares]), np.concatenate([a for _, a in squares])
+    both = list(zip(above, looked_at, strict=True)) if looked_at else []
+    passing = [_fits(old, new) for (_, old), (_, new) in both]
+    most = 2 * sum(passing) > len(passing)
+    return [_held_out(*two, seed) if fits and most else None for fits, two in zip(passing, both, strict=True)]
+
+
+def _fits(old: PartFit, new: PartFit) -> bool:
+    # of what nobody has fitted no share says anything
+    share = 0.0 if old.nominal else RELATIVE_ERROR
+    most = np.maximum(FLOOR_CHI_SQUARE, share * old.times_floor)
+    return not ((new.times_floor > most).any() or beyond_any_hand(needed(new, most)))
+
+
+def _held_out(
+    without: tuple[Reduced, PartFit], beside: tuple[Reduced, PartFit], seed: int
+) -> tuple[np.ndarray, np.ndarray] | None:
+    (reduced, old), (changed, new) = without, beside
+    before = Validation(old, reduced.holdout, seed=seed)
+    after = Validation(new, changed.holdout, seed=seed, first=None if old.nominal else before)
+    return (before.squares(), after.squares()) if after.judge(new.base).adequate else None
 
 
 def look(reduced: Reduced, begun: PartFit | None = None) -> tuple[Reduced, PartFit]:
@@ -384,68 +352,3 @@ def look(reduced: Reduced, begun: PartFit | None = None) -> tuple[Reduced, PartF
 def at_nominal(reduced: Reduced) -> tuple[Reduced, PartFit]:
     """A group with all that is uncertain about it at its nominal value."""
     return reduced, PartFit(reduced.twin, reduced.train, reduced.joints, nominal=True)
-
-
-def shared_causes(twin: TwinModel, above: Sequence[tuple[Reduced, PartFit]], groups: int) -> list[SharedCause]:
-    """What may be behind several groups above the floor, of so many that move."""
-    joints = [joint for reduced, _ in above for joint in reduced.joints]
-    carried = linked(twin, [joints, *([joint] for joint in twin.joints)])
-    near = {twin.joints[index - 1] for index in next(group for group in carried if 0 in group) if index}
-    everywhere = [ROBOT] if 2 * len(above) > groups else []
-    places = {
-        "servos": everywhere,
-        "joints": everywhere,
-        "load": [HAND, *(j for j in twin.joints if j in near)],
-    }
-    return [
-        SharedCause(effect, target)
-        for effect in tuple(LIBRARY.values())
-        if effect.shared
-        for target in places[effect.shared]
-        if effect.applies(twin.place(target))
-    ]
-
-
-def _accepted(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
-    """The values, complete and within what is accepted at all."""
-    return effect.complete(effect.clipped(values))
-
-
-def _directions(cause: SharedCause, starts: Sequence[dict[str, float]]) -> list[dict[str, float]]:
-    """The largest start of each sign of each amplitude."""
-    neutral, found = cause.effect.neutral(), {}
-    for start in starts:
-        signs = tuple(np.sign(start[name] - neutral[name]) for name in cause.amplitudes)
-        size = sum(abs(start[name] - neutral[name]) for name in cause.amplitudes)
-        if signs not in found or size > found[signs][0]:
-            found[signs] = (size, start)
-    return [start for _, start in found.values()]
-
-
-def _typical(cause: SharedCause, name: str) -> float:
-    parameter = next(p for p in cause.effect.parameters if p.name == name)
-    return 1.0 if parameter.neutral == 1.0 else parameter.default - parameter.neutral
-
-
-def _along(cause: SharedCause, start: Mapping[str, float], amount: float) -> dict[str, float]:
-    """The values this far along the line from neutral to a start."""
-    neutral = cause.effect.neutral()
-    held = {parameter.name for parameter in cause.effect.parameters if parameter.held}
-    moved = {n: neutral[n] + amount * (start[n] - neutral[n]) for n in cause.amplitudes if n not in held}
-    return _accepted(cause.effect, {**start, **moved})
-
-
-def estimates(cause: SharedCause, values: Mapping[str, float], slopes: np.ndarray) -> dict[str, Estimate]:
-    """The values by parameter with their intervals, from the slopes (m, q) of the rows by the amplitudes."""
-    limits = {parameter.name: parameter.limits for parameter in cause.effect.parameters}
-    # what the data say nothing of is anywhere within what is accepted at all
-    known = np.diag([(1.0 / (limits[name][1] - limits[name][0])) ** 2 for name in cause.amplitudes])
-    sigmas = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes + known)))
-    found = {}
-    for name, sigma in zip(cause.amplitudes, sigmas, strict=True):
-        parameter = next(p for p in cause.effect.parameters if p.name == name)
-        half = max(Z95 * float(sigma), VALUE_FLOOR * abs(values[name]))
-        lower, upper = limits[name]
-        interval = (max(values[name] - half, lower), min(values[name] + half, upper))
-        found[name] = Estimate(value=values[name], unit=parameter.unit, ci95=interval)
-    return found

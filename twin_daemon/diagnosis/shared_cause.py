@@ -1,0 +1,115 @@
+"""One effect with one set of values for several groups of joints: where it may be, and which values it may have."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from twin_daemon.diagnosis.thresholds import VALUE_FLOOR
+from twin_daemon.effects import LIBRARY
+from twin_daemon.effects.base import Effect, Parameter
+from twin_daemon.estimation.estimate import Estimate
+from twin_daemon.estimation.thresholds import Z95
+from twin_daemon.places import HAND, ROBOT
+from twin_daemon.simulation.submodel import linked
+from twin_daemon.simulation.terms import EffectTerm, Terms
+from twin_daemon.simulation.twin import TwinModel
+
+
+@dataclass(frozen=True)
+class SharedCause:
+    """An effect with one set of values for several groups, at all servos, at a link that they carry, or at the base.
+
+    Values that are `given` stay as they are.
+    """
+
+    effect: Effect
+    target: str
+    given: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        return f"{self.effect.key}:{self.target}"
+
+    @property
+    def amplitudes(self) -> tuple[str, ...]:
+        """The parameters that are moved."""
+        if self.effect.shared == "load":
+            names = tuple(parameter.name for parameter in self.effect.parameters)
+        else:
+            names = (self.effect.everywhere,) if self.effect.everywhere else self.effect.presence
+        return tuple(name for name in names if name not in self.given)
+
+    def terms(self, twin: TwinModel, values: Mapping[str, float]) -> Terms:
+        """The twin's terms with this cause."""
+        return twin.terms.with_effect(self.term(values))
+
+    def term(self, values: Mapping[str, float]) -> EffectTerm:
+        return EffectTerm(effect=self.effect.key, target=self.target, values=self.accepted(values))
+
+    def accepted(self, values: Mapping[str, float]) -> dict[str, float]:
+        """The values, complete and within what is accepted at all."""
+        return self.effect.complete(self.effect.clipped(values))
+
+    def starts(self, twin: TwinModel, joints: Sequence[str]) -> tuple[dict[str, float], ...]:
+        place = self.target if self.target in twin.joints else joints[0]
+        starts = self.effect.starts_everywhere() or self.effect.starts(twin.scale(place))
+        return tuple(self.accepted({**s, **self.given}) for s in starts)
+
+    def directions(self, starts: Sequence[dict[str, float]]) -> list[dict[str, float]]:
+        """The largest start of each sign of each amplitude."""
+        neutral, found = self.effect.neutral(), {}
+        for start in starts:
+            signs = tuple(np.sign(start[name] - neutral[name]) for name in self.amplitudes)
+            size = sum(abs(start[name] - neutral[name]) for name in self.amplitudes)
+            if signs not in found or size > found[signs][0]:
+                found[signs] = (size, start)
+        return [start for _, start in found.values()]
+
+    def along(self, start: Mapping[str, float], amount: float) -> dict[str, float]:
+        """The values this far along the line from neutral to a start."""
+        neutral = self.effect.neutral()
+        held = {parameter.name for parameter in self.effect.parameters if parameter.held}
+        moved = {n: neutral[n] + amount * (start[n] - neutral[n]) for n in self.amplitudes if n not in held}
+        return self.accepted({**start, **moved})
+
+    def typical(self, name: str) -> float:
+        """A step of a parameter that is certainly felt, in its unit."""
+        parameter = self._parameter(name)
+        return 1.0 if parameter.neutral == 1.0 else parameter.default - parameter.neutral
+
+    def estimates(self, values: Mapping[str, float], slopes: np.ndarray) -> dict[str, Estimate]:
+        """The values by parameter with their intervals, from the slopes (m, q) of the rows by the amplitudes."""
+        limits = {name: self._parameter(name).limits for name in self.amplitudes}
+        # what the data say nothing of is anywhere within what is accepted at all
+        known = np.diag([(1.0 / (upper - lower)) ** 2 for lower, upper in limits.values()])
+        sigmas = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes + known)))
+        found = {}
+        for (name, (lower, upper)), sigma in zip(limits.items(), sigmas, strict=True):
+            half = max(Z95 * float(sigma), VALUE_FLOOR * abs(values[name]))
+            interval = (max(values[name] - half, lower), min(values[name] + half, upper))
+            found[name] = Estimate(value=values[name], unit=self._parameter(name).unit, ci95=interval)
+        return found
+
+    def _parameter(self, name: str) -> Parameter:
+        return next(parameter for parameter in self.effect.parameters if parameter.name == name)
+
+
+def shared_causes(twin: TwinModel, joints: Sequence[str], *, everywhere: bool) -> list[SharedCause]:
+    """What may be behind errors at several groups of joints; at all servos or joints where it may be `everywhere`."""
+    carried = linked(twin, [joints, *([joint] for joint in twin.joints)])
+    near = {twin.joints[index - 1] for index in next(group for group in carried if 0 in group) if index}
+    places = {
+        "servos": [ROBOT] if everywhere else [],
+        "joints": [ROBOT] if everywhere else [],
+        "load": [HAND, *(j for j in twin.joints if j in near)],
+    }
+    return [
+        SharedCause(effect, target)
+        for effect in tuple(LIBRARY.values())
+        if effect.shared
+        for target in places[effect.shared]
+        if effect.applies(twin.place(target))
+    ]
