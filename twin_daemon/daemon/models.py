@@ -76,7 +76,7 @@ class ModelSource:
 def describe(version: Version) -> dict[str, Any]:
     """A version in short: who it is and how good it was found to be."""
     full = version.as_json()
-    kept = ("id", "kind", "title", "created", "parent", "errors", "mjcf_sha256", "terms")
+    kept = ("id", "kind", "title", "created", "parent", "errors", "mjcf_sha256", "terms", "region")
     return {key: full[key] for key in kept} | {"short_id": version.short_id}
 
 

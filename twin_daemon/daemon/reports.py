@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from twin_daemon.daemon.extrapolation import outside_in_words
 from twin_daemon.daemon.messages import number
 from twin_daemon.versions.version import promised_rad2
 
@@ -53,6 +54,7 @@ def state(service: TwinService) -> dict[str, Any]:
         "stale": service.stale,
         "fresh_joints": int((~stale).sum()),
         "joints": joints,
+        "region": service.extrapolation.at(mirror.position, mirror.velocity),
         "commands": _commands(service),
         "prediction": _prediction(service),
         "gate": service.gate(),
@@ -127,6 +129,7 @@ def health(service: TwinService) -> dict[str, Any]:
             "anchors": dict(sorted(service.predictor.anchors.items())),
         },
         "changed": list(service.changed),
+        "outside": outside_in_words(service.extrapolation.at(service.mirror.position, service.mirror.velocity)),
         "loop": service.loop,
         "timing": service.timing.as_json(),
         "gate": None if (gate := service.gate()) is None else gate["mode"],

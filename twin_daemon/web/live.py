@@ -6,6 +6,7 @@ import json
 import logging
 import threading
 import time
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any, Literal
 
@@ -32,6 +33,7 @@ SILENT_S = 2.5
 _ASK_EVERY_S = 5.0
 _KEEP_S = 60.0
 _EVENTS = 12
+_OUTSIDE = 3  # quantities that a sentence may list
 
 Presence = Literal["unreachable", "away", "waiting", "stale", "no_commands", "following"]
 
@@ -89,7 +91,7 @@ class Live:
             timing, loop = health.get("timing") or {}, health.get("loop") or {}
             return {
                 "presence": presence,
-                "words": self._words(presence),
+                "words": self._words(presence, health.get("outside") or []),
                 "version": health.get("version"),
                 "version_title": version.get("title") or version.get("kind"),
                 "recalibration": next_fit.get("words"),
@@ -117,7 +119,7 @@ class Live:
             return None
         return str(told.get("words"))
 
-    def _words(self, presence: Presence) -> str:
+    def _words(self, presence: Presence, outside: Sequence[str]) -> str:
         if presence == "unreachable":
             return (
                 f"Nothing listens at {self.endpoint}. Start the daemon with 'twin run'; this page connects by itself."
@@ -128,11 +130,12 @@ class Live:
                 f"The daemon of {self._description.namespace} {since}. What is shown is the last that was heard; "
                 "it goes on by itself when the daemon is back."
             )
+        beyond = f" Outside of what this version has seen: {'; '.join(outside[:_OUTSIDE])}." if outside else ""
         return {
             "waiting": "The daemon runs, and waits for the hand's first joint state.",
             "stale": "The hand is silent: the daemon runs, but no joint states arrive.",
             "no_commands": "The hand is heard, but no command yet: the model holds the pose.",
-            "following": "The twin follows the hand and its commands.",
+            "following": f"The twin follows the hand and its commands.{beyond}",
         }.get(presence, presence)
 
     # -- what can be asked ---------------------------------------------------------------------------------
