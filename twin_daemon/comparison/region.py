@@ -94,7 +94,9 @@ def quantities(twin: TwinModel, recording: Aligned) -> dict[Quantity, np.ndarray
 
 def static_load(twin: TwinModel, poses: np.ndarray, data: mujoco.MjData | None = None) -> np.ndarray:
     """(m, j) N m: what gravity and springs pull each joint with at poses (m, j) rad, at rest. Uses `data`, if given."""
-    model, data = twin.model, data or mujoco.MjData(twin.model)
+    model = twin.model
+    if data is None:
+        data = mujoco.MjData(model)
     found = np.empty((len(poses), len(twin.joints)))
     for row, pose in enumerate(poses):
         data.qpos[twin.qpos_adr] = pose
