@@ -95,14 +95,13 @@ def quantities(twin: TwinModel, recording: Aligned) -> dict[Quantity, np.ndarray
 def static_load(twin: TwinModel, poses: np.ndarray, data: mujoco.MjData | None = None) -> np.ndarray:
     """(m, j) N m: what gravity and springs pull each joint with at poses (m, j) rad, at rest. Uses `data`, if given."""
     model = twin.model
-    if data is None:
-        data = mujoco.MjData(model)
+    at: Any = mujoco.MjData(model) if data is None else data
     found = np.empty((len(poses), len(twin.joints)))
     for row, pose in enumerate(poses):
-        data.qpos[twin.qpos_adr] = pose
-        mujoco.mj_fwdPosition(model, data)
-        mujoco.mj_fwdVelocity(model, data)
-        found[row] = (data.qfrc_passive - data.qfrc_bias)[twin.dof_adr]
+        at.qpos[twin.qpos_adr] = pose
+        mujoco.mj_fwdPosition(model, at)
+        mujoco.mj_fwdVelocity(model, at)
+        found[row] = (at.qfrc_passive - at.qfrc_bias)[twin.dof_adr]
     return found
 
 
