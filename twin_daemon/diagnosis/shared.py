@@ -276,7 +276,8 @@ class SharedSearch:
             squares = _passing(above, looked_at, seed)
         elif None in squares:
             passing = [i for i, one in enumerate(squares) if one is not None]
-            if 2 * len(passing) > len(squares) > 2:
+            helped = all(new.base.cost < old.base.cost for (_, old), (_, new) in zip(above, looked_at, strict=True))
+            if helped and 2 * len(passing) > len(squares) > 2:
                 # what most have all may have, and some something of their own beside it
                 return self.only(passing).best(causes, limit, seed)
         if not squares or None in squares:
