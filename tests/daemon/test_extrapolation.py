@@ -34,7 +34,9 @@ def test_what_a_version_has_not_seen_is_named(
     column = twin.joints.index("rh_FFJ3")
     states, speeds = np.zeros(len(twin.joints)), np.zeros(len(twin.joints))
     states[column], speeds[column] = position, velocity
-    found = Extrapolation(twin, SEEN).at(states, speeds)
+    extrapolation = Extrapolation(twin)
+    extrapolation.use(SEEN)
+    found = extrapolation.at(states, speeds)
     assert found["known"] is True
     assert {one["quantity"] for one in found["outside"]} == outside
     for one in found["outside"]:
@@ -44,7 +46,9 @@ def test_what_a_version_has_not_seen_is_named(
 
 def test_a_load_that_was_never_carried_is_outside(twin: TwinModel) -> None:
     light = {"joints": {"rh_WRJ1": {"position": [-1.0, 1.0], "speed": [0.0, 2.0], "load": [5.0, 6.0]}}}
-    (found,) = Extrapolation(twin, light).at(np.zeros(len(twin.joints)), np.zeros(len(twin.joints)))["outside"]
+    extrapolation = Extrapolation(twin)
+    extrapolation.use(light)
+    (found,) = extrapolation.at(np.zeros(len(twin.joints)), np.zeros(len(twin.joints)))["outside"]
     assert (found["joint"], found["quantity"], found["unit"]) == ("rh_WRJ1", "load", "N m")
 
 

@@ -13,12 +13,15 @@ from twin_daemon.simulation.twin import TwinModel
 
 
 class Extrapolation:
-    """Compares what the sensors say with the region of a version."""
+    """Compares what the sensors say with the region of a version: `use` says which, none before it."""
 
-    def __init__(self, twin: TwinModel, region: dict[str, Any] | None) -> None:
-        """`region` as a version writes it; None where it has none, as older versions and the nominal model."""
+    def __init__(self, twin: TwinModel) -> None:
         self._twin = twin
         self._data = mujoco.MjData(twin.model)  # made once: that takes longer than all that is asked of it
+        self._region: Region | None = None
+
+    def use(self, region: dict[str, Any] | None) -> None:
+        """Takes a region as a version writes it; None where it has none, as older versions and the nominal model."""
         self._region = None if region is None else Region.model_validate(region)
 
     def at(self, position_rad: np.ndarray, velocity_rad_s: np.ndarray) -> dict[str, Any]:

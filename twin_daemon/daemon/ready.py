@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from twin_daemon.daemon.extrapolation import Extrapolation
 from twin_daemon.daemon.kinematics import Kinematics
 from twin_daemon.daemon.predictor import Predictor
 from twin_daemon.daemon.settings import DaemonSettings
@@ -17,8 +18,9 @@ class Ready:
     twin: TwinModel
     predictor: Predictor
     kinematics: Kinematics
+    extrapolation: Extrapolation
 
     @classmethod
     def made(cls, twin: TwinModel, settings: DaemonSettings) -> Ready:
         predictor = Predictor(twin, settings.horizon_s, settings.max_catch_up_s)
-        return cls(twin, predictor, Kinematics(twin))
+        return cls(twin, predictor, Kinematics(twin), Extrapolation(twin))

@@ -17,7 +17,6 @@ import numpy as np
 from twin_daemon.daemon import reports
 from twin_daemon.daemon.drift import Alarm, Drift
 from twin_daemon.daemon.events import Event, EventLog
-from twin_daemon.daemon.extrapolation import Extrapolation
 from twin_daemon.daemon.intake import Intake, joint_ranges, wrong_with
 from twin_daemon.daemon.messages import JointSample, Output, number
 from twin_daemon.daemon.mirror import Mirror
@@ -201,7 +200,8 @@ class TwinService:
     def _load(self, model: Ready, version: dict[str, Any]) -> None:
         self.predictor, self.kinematics = model.predictor, model.kinematics
         self.version_info = version
-        self.extrapolation = Extrapolation(model.twin, version.get("region"))
+        self.extrapolation = model.extrapolation
+        self.extrapolation.use(version.get("region"))
         self._mjcf: str | None = None
 
     # -- out -----------------------------------------------------------------------------------------------

@@ -25,6 +25,7 @@ from twin_daemon.diagnosis.verdict import (
 )
 from twin_daemon.effects import LIBRARY
 from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
+from twin_daemon.places import HAND
 from twin_daemon.simulation.alignment import Aligned, predict
 from twin_daemon.simulation.twin import TwinModel
 
@@ -48,6 +49,14 @@ class Accepted:
     def hypothesis(self) -> Hypothesis:
         assert self.fit.hypothesis is not None
         return self.fit.hypothesis
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """What it acts at: its place, and the joints that this drives."""
+        target = self.hypothesis.target
+        if target == HAND:
+            return tuple(self.part.joints)
+        return tuple(dict.fromkeys((target, *self.part.twin.joints_of(target))))
 
     @property
     def posterior(self) -> dict[str, float]:
@@ -218,16 +227,11 @@ def _too_poor(outcome: Outcome) -> str:
 
 def _finding(accepted: Accepted, unknown: float) -> Finding:
     part, fit, judged, hypothesis = accepted.part, accepted.fit, accepted.judged, accepted.hypothesis
-    twin = part.twin
-    if hypothesis.target == "hand":
-        joints = tuple(part.joints)
-    else:
-        joints = tuple(dict.fromkeys((hypothesis.target, *twin.joints_of(hypothesis.target))))
     effect = hypothesis.effect
     return Finding(
         effect=effect.key,
         target=hypothesis.target,
-        joints=joints,
+        joints=accepted.joints,
         parameters=own_estimates(fit),
         values=hypothesis.term(fit.values).values,
         moved=fit.moved,
@@ -248,8 +252,7 @@ def _finding(accepted: Accepted, unknown: float) -> Finding:
         ),
         confusable_with=tuple(rival.hypothesis.name for rival in accepted.rivals),
         probability=(1.0 - unknown) * accepted.posterior[hypothesis.name],
-        explanation=f"{effect.story.what} {effect.story.shows} Likely cause: {effect.story.cause} "
-        f"What to do: {effect.story.remedy}",
+        explanation=effect.story.explanation,
     )
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin_daemon.diagnosis.common import of_all_servos
+from twin_daemon.diagnosis.all_servos import of_all_servos
 from twin_daemon.diagnosis.conclude import Outcome, conclude, nothing_moves
 from twin_daemon.diagnosis.far_off import deviating
 from twin_daemon.diagnosis.part_fit import PartFit
@@ -93,7 +93,7 @@ def diagnose(
             if finding.target != ROBOT:
                 break
             # beside what all have some may have something of their own, which several feel
-            twin = twin.changed(twin.terms.with_effect(_everywhere_term(finding)))
+            twin = twin.changed(shared.terms)
             reduction = reduction.following(twin)
             groups = [_with_everywhere(group, finding) for group in groups]
             shared = _shared(twin, reduction, above, len(begun), limit, seed, say) if len(above) > 1 else None
@@ -212,13 +212,9 @@ def _off_the_same_way(looked_at: Sequence[tuple[Reduced, PartFit]], kind: str) -
     return len(found) > 1 and abs(sum(found)) > DEVIATING_SIGMA * len(found) ** 0.5
 
 
-def _everywhere_term(finding: Finding) -> EffectTerm:
-    return EffectTerm(effect=finding.effect, target=ROBOT, values=finding.values)
-
-
 def _with_everywhere(group: Reduced, finding: Finding) -> Reduced:
-    terms = group.twin.terms.with_effect(_everywhere_term(finding))
-    return replace(group, twin=group.twin.changed(terms))
+    term = EffectTerm(effect=finding.effect, target=ROBOT, values=finding.values)
+    return replace(group, twin=group.twin.changed(group.twin.terms.with_effect(term)))
 
 
 def _everywhere(
@@ -258,8 +254,9 @@ def _said_once(
         return None
     finding, left = found[0], list(found[1])
     rest = [group for group in groups if not set(group.joints) <= set(finding.joints)]
-    everywhere, _ = _everywhere(finding, rest, left, seed, say)
-    if any(not set(group.joints) <= set(everywhere.joints) for group in rest):
+    everywhere, above = _everywhere(finding, rest, left, seed, say)
+    # what is above the floor with it would have to be searched again: one at each servo says no less
+    if above or any(not set(group.joints) <= set(everywhere.joints) for group in rest):
         return None
     say(f"{finding.name}: found at one servo after another, with one value for all")
     return everywhere, left

@@ -294,7 +294,6 @@ class SharedSearch:
         if evidence < DECISIVE_NATS:
             return None
         joints = tuple(dict.fromkeys(joint for reduced, _ in self._above for joint in reduced.joints))
-        story = cause.effect.story
         finding = Finding(
             effect=cause.effect.key,
             target=cause.target,
@@ -309,7 +308,7 @@ class SharedSearch:
             holdout_gain_ci95=block_gain(before, after, max(1, len(before) // 50), seed),
             confusable_with=ties,
             probability=shares[cause.name],
-            explanation=f"{story.what} {story.shows} Likely cause: {story.cause} What to do: {story.remedy}",
+            explanation=cause.effect.story.explanation,
         )
         return Shared(finding, shares, cause.terms(self._twin, values), looked_at)
 

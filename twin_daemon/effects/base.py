@@ -186,6 +186,11 @@ class Story:
     remedy: str
     excitation: str  # the motion that tells it from its neighbours
 
+    @property
+    def explanation(self) -> str:
+        """What the effect is, how it shows, where it comes from and what to do about it."""
+        return f"{self.what} {self.shows} Likely cause: {self.cause} What to do: {self.remedy}"
+
 
 class Effect(ABC):
     """One physical effect. A subclass is one file; its docstring names the mechanism and its source.

@@ -24,11 +24,13 @@ def of_all_servos(outcomes: Sequence[Outcome]) -> tuple[Finding, tuple[Outcome, 
     Values of its own for each servo have to be worth as much as another finding each, over one value for all.
     """
     above = [outcome for outcome in outcomes if not outcome.within_floor]
+    if any(outcome.unfinished for outcome in above):
+        return None
     for effect in LIBRARY.values():
         if effect.shared != "servos":
             continue
         theirs = [(o, a) for o in above for a in o.accepted if a.hypothesis.effect.key == effect.key]
-        if len(theirs) < 2 or 2 * len(theirs) <= len(above) or any(o.unfinished for o in above):
+        if len(theirs) < 2 or 2 * len(theirs) <= len(above):
             continue
         cause = SharedCause(effect, ROBOT)
         found = [own_estimates(one.fit) for _, one in theirs]
@@ -64,11 +66,10 @@ def _finding(
     after = float(np.mean([one.judged.mse_after for _, one in theirs]))
     intervals = [one.judged.gain_ci95 for _, one in theirs]
     rivals = [{rival.hypothesis.effect.key for rival in one.rivals} for _, one in theirs]
-    story = cause.effect.story
     return Finding(
         effect=cause.effect.key,
         target=ROBOT,
-        joints=tuple(joint for outcome, _ in theirs for joint in outcome.joints),
+        joints=tuple(dict.fromkeys(joint for _, one in theirs for joint in one.joints)),
         parameters=parameters,
         values=cause.term({name: one.value for name, one in parameters.items()}).values,
         moved={name: value for _, one in theirs for name, value in one.fit.moved.items()},
@@ -79,5 +80,5 @@ def _finding(
         holdout_gain_ci95=(min(low for low, _ in intervals), max(high for _, high in intervals)),
         confusable_with=tuple(f"{key}:{ROBOT}" for key in sorted(set.intersection(*rivals))),
         probability=min((1.0 - o.unknown) * one.posterior[one.hypothesis.name] for o, one in theirs),
-        explanation=f"{story.what} {story.shows} Likely cause: {story.cause} What to do: {story.remedy}",
+        explanation=cause.effect.story.explanation,
     )
