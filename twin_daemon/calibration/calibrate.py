@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +21,7 @@ from twin_daemon.estimation.thresholds import (
     POLISH_SHARE,
 )
 from twin_daemon.estimation.uncertainty import joint_estimates
-from twin_daemon.estimation.variables import OnsetVariable, Variable
+from twin_daemon.estimation.variables import OnsetVariable, Remembered, Variable
 from twin_daemon.estimation.windows import excerpts
 from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.terms import Terms
@@ -66,6 +66,7 @@ def calibrate(
     seconds: float | None = None,
     seed: int = 0,
     progress: Progress | None = None,
+    remembered: Mapping[str, Remembered] | None = None,
 ) -> Calibration:
     """Fits the space's parameters to the training recordings and judges them on the held-out ones.
 
@@ -73,6 +74,9 @@ def calibrate(
     none; the errors are those of the whole recordings all the same. The search ends after `budget`
     evaluations or `seconds` of the processor, whichever comes first. Raises BadInput where the search is unknown or
     nothing of the space moves. A KeyboardInterrupt ends the search and keeps the best point.
+
+    `remembered` is what an earlier fit knows of the values by name: a space that anchors its values (`anchor_rad`)
+    holds them there unless the recordings say that they have changed.
     """
     if search not in SEARCHES:
         raise BadInput(f"no search '{search}'", todo=nearest(search, SEARCHES))
@@ -81,7 +85,7 @@ def calibrate(
     if not moving:
         raise BadInput("no joint moves in these recordings", todo="Record a motion, for example twin hand's rich_hand")
     objective = objective_of(space, twin, moving)
-    variables = variables_of(space, twin, moving)
+    variables = variables_of(space, twin, moving, remembered)
     start = started(twin, space, variables)
     before, began_aligned = judged(start, train, objective)
     aligned = began_aligned

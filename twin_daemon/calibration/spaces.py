@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -14,7 +14,14 @@ from twin_daemon.errors import BadInput, nearest
 from twin_daemon.estimation.thresholds import (
     ZERO_START_FACTOR,
 )
-from twin_daemon.estimation.variables import EffectVariable, ParameterVariable, Variable, anchored, effect_variable
+from twin_daemon.estimation.variables import (
+    EffectVariable,
+    ParameterVariable,
+    Remembered,
+    Variable,
+    anchored,
+    effect_variable,
+)
 from twin_daemon.simulation.parameters import KINDS, ParameterKind
 from twin_daemon.simulation.twin import TwinModel
 from twin_daemon.yaml_files import load_yaml
@@ -72,8 +79,13 @@ def load_space(space: str) -> Space:
         raise BadInput(f"{where}: {first['msg']}", where=path, allowed="the keys of the spaces in docs/") from None
 
 
-def variables_of(space: Space, twin: TwinModel, moving: tuple[str, ...]) -> tuple[Variable, ...]:
-    """The variables of a space on one twin; `moving` are the joints that move in the data."""
+def variables_of(
+    space: Space, twin: TwinModel, moving: tuple[str, ...], remembered: Mapping[str, Remembered] | None = None
+) -> tuple[Variable, ...]:
+    """The variables of a space on one twin; `moving` are the joints that move in the data.
+
+    A space that anchors them does so by what is `remembered` of each, by its name, where that is known.
+    """
     variables: list[Variable] = []
     for entry in space.parameters:
         if entry.kind == "effects":
@@ -91,7 +103,8 @@ def variables_of(space: Space, twin: TwinModel, moving: tuple[str, ...]) -> tupl
             if members:
                 variables.append(_variable(entry, kind, twin, label, members, space.name))
     if space.anchor_rad:
-        variables = [anchored(variable) for variable in variables]
+        known = remembered or {}
+        variables = [anchored(variable, known.get(variable.name)) for variable in variables]
     if not variables:
         raise BadInput(f"space '{space.name}' moves nothing in this model", allowed="joints, groups and commands of it")
     return tuple(variables)

@@ -71,3 +71,5 @@ class Since(Diagnosis):
     undetectable: tuple[Undetectable, ...] = ()
     baseline: tuple[RecordingRead, ...] = ()
     since_version: str | None = None
+    spread_between_sessions: float | None = None
+    """How much a value differs between sessions without wear, learnt from the versions; None of fewer than three."""

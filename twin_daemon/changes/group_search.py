@@ -23,6 +23,7 @@ from twin_daemon.changes.thresholds import (
     NOTHING_CHANGED,
     ROUGH,
     SEEN,
+    SPIKE,
     TOLD_APART_NATS,
     WORTH_REFITTING,
 )
@@ -75,10 +76,15 @@ class GroupFound:
     held_squares: tuple[np.ndarray, np.ndarray] = (np.empty(0), np.empty(0))
 
 
-def search_group(reduced: Reduced, sessions: Sessions, candidates: int, believed: Believed | None = None) -> GroupFound:
-    """One group's changes. `candidates` is how many changes are looked for in the whole robot: each pays for that."""
+def search_group(
+    reduced: Reduced, sessions: Sessions, candidates: int, believed: Believed | None = None, spread: float = SPIKE
+) -> GroupFound:
+    """One group's changes. `candidates` is how many changes are looked for in the whole robot: each pays for that.
+
+    `spread` is how much a parameter differs between sessions without wear, one sigma of its logarithm.
+    """
     twin, joints = reduced.twin, reduced.joints
-    every = quantities(twin, joints)
+    every = quantities(twin, joints, spread)
     floor, _ = _floor(twin, sessions.before or sessions.now, joints)
     earlier = _session(twin, sessions.before, joints, every, floor) if sessions.before else None
     later = _session(twin, sessions.now, joints, every, floor)

@@ -90,10 +90,10 @@ class Quantity:
         return EffectTerm(effect=self.effect, target=self.target, values=effect.complete(effect.clipped(values)))
 
 
-def quantities(twin: TwinModel, joints: Sequence[str], *, known: float = 1.0) -> tuple[Quantity, ...]:
+def quantities(twin: TwinModel, joints: Sequence[str], spread: float = SPIKE) -> tuple[Quantity, ...]:
     """Everything that a group's joints and servos have: what the model states, and what may be there beside it.
 
-    `known` shrinks what is believed about the shared values, where they are known from an earlier session.
+    `spread` is how much a parameter differs between sessions without wear, one sigma of its logarithm.
     """
     found: list[Quantity] = []
     driving = [(a, d) for a, d in zip(twin.actuators, twin.driven, strict=True) if set(d) & set(joints)]
@@ -103,13 +103,13 @@ def quantities(twin: TwinModel, joints: Sequence[str], *, known: float = 1.0) ->
             name = f"{joint}.{kind}"
             nominal = twin.parameter(name).read(twin.base_model)
             if nominal > 0.0:
-                found.append(_parameter(name, joint, (joint,), kind, nominal))
+                found.append(_parameter(name, joint, (joint,), kind, nominal, spread))
             elif kind not in _KEPT:
                 missing.append((STANDS_FOR[kind], joint))
     for servo, driven in driving:
         nominal = twin.parameter(f"{servo}.kp").read(twin.base_model)
         if nominal > 0.0:
-            found.append(_parameter(f"{servo}.kp", servo, driven, "kp", nominal))
+            found.append(_parameter(f"{servo}.kp", servo, driven, "kp", nominal, spread))
     places = [*missing, *((key, joint) for joint in joints for key in ("load_friction", "sensor_offset"))]
     places += [(key, servo) for servo, _ in driving for key in ("backlash", "tendon_elasticity")]
     present = {(term.effect, term.target) for term in twin.terms.effects}
@@ -119,7 +119,7 @@ def quantities(twin: TwinModel, joints: Sequence[str], *, known: float = 1.0) ->
     return tuple(found)
 
 
-def _parameter(name: str, target: str, joints: tuple[str, ...], kind: str, nominal: float) -> Quantity:
+def _parameter(name: str, target: str, joints: tuple[str, ...], kind: str, nominal: float, spread: float) -> Quantity:
     return Quantity(
         name=name,
         effect=STANDS_FOR.get(kind, kind),
@@ -128,6 +128,7 @@ def _parameter(name: str, target: str, joints: tuple[str, ...], kind: str, nomin
         unit=KINDS[kind].unit,
         nominal=nominal,
         wears=kind not in _KEPT,
+        spike=spread,
     )
 
 

@@ -8,6 +8,7 @@ from twin_daemon.changes.answer import Since
 from twin_daemon.changes.conclude import conclude
 from twin_daemon.changes.group_search import Believed, GroupFound, Sessions, search_group
 from twin_daemon.changes.quantities import quantities
+from twin_daemon.changes.thresholds import SPIKE
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.executor import OutOfTime, TimeLimit, concurrently
 from twin_daemon.simulation.alignment import Aligned, moving_joints
@@ -23,13 +24,15 @@ def changes_since(
     *,
     joints: Sequence[str] | None = None,
     believed: Believed | None = None,
+    spread: float = SPIKE,
     seed: int = 0,
     stream: Callable[[str], None] | None = None,
     limit: TimeLimit | None = None,
 ) -> Since:
     """What is another one in `now` than in `baseline`; where that is empty, than is `believed` of the twin's own.
 
-    `held` is more motion of the later session, by which what was found is judged. The end of the time limit and Ctrl-C
+    `held` is more motion of the later session, by which what was found is judged; `spread` how much a parameter differs
+    between sessions without wear, one sigma of its logarithm. The end of the time limit and Ctrl-C
     end the search; what has been found until then is in the answer.
     """
     limit, say = limit or TimeLimit(), stream or (lambda _: None)
@@ -48,7 +51,7 @@ def changes_since(
     interrupted = False
 
     def search(item: tuple[Reduced, Sessions]) -> GroupFound:
-        one = search_group(item[0], item[1], candidates, believed)
+        one = search_group(item[0], item[1], candidates, believed, spread)
         named = ", ".join(one.quantities[i].name for i in one.changed) or "no change"
         say(f"{', '.join(one.joints)}: {named}")
         found.append(one)

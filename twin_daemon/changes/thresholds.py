@@ -8,7 +8,7 @@ from twin_daemon.estimation.thresholds import Count, Threshold
 
 SHARED_SIGMA = Threshold(0.3, "1", "of the logarithm of a parameter that both sessions share: the baseline says it")
 SPIKE = Threshold(
-    0.03, "1", "of a value: spread between sessions without wear, until a hand has three versions to learn it from"
+    0.03, "1", "of a value: spread between sessions without wear, where no three versions say it of this hand"
 )
 SLAB = Threshold(0.5, "1", "of the logarithm of a parameter that has changed: from a third less to a half more")
 NOTHING_CHANGED = Threshold(

@@ -241,7 +241,7 @@ class Problem:
         for index, variable in enumerate(self.variables):
             if variable.prior is not None:
                 position = variable.low + points[:, index] * (variable.high - variable.low)
-                columns.append((position - variable.prior.mean) / variable.prior.sigma * self.prior_weight)
+                columns.append(variable.prior.missed(position) * self.prior_weight)
         return np.stack(columns, axis=1) if columns else np.zeros((len(points), 0))
 
     @property

@@ -17,14 +17,38 @@ from twin_daemon.estimation.thresholds import (
     ANCHOR_FACTOR,
     ANCHOR_SIGNED_SHARE,
     AT_BOUND_SHARE,
+    CHANGED_BEFOREHAND,
+    SESSIONS_DIFFER,
 )
 
 
 @dataclass(frozen=True)
 class Prior:
-    """A Gaussian belief about a variable, on its own scale (of the logarithm where the variable is logarithmic)."""
+    """A Gaussian belief about a variable, on its own scale (of the logarithm where the variable is logarithmic).
+
+    With `changed` it is remembered: near the mean, or, as it may have changed since, somewhere within that sigma.
+    """
 
     mean: float
+    sigma: float
+    changed: float | None = None
+
+    def missed(self, position: np.ndarray) -> np.ndarray:
+        """(b,) at positions (b,): in sigma, with the sign of the side; its square is -2 log of the density's ratio."""
+        z = (position - self.mean) / self.sigma
+        if self.changed is None:
+            return z
+        same = np.log1p(-CHANGED_BEFOREHAND) - np.log(self.sigma)
+        other = np.log(CHANGED_BEFOREHAND) - np.log(self.changed)
+        near = np.logaddexp(same - 0.5 * z**2, other - 0.5 * ((position - self.mean) / self.changed) ** 2)
+        return np.sign(z) * np.sqrt(np.maximum(2.0 * (np.logaddexp(same, other) - near), 0.0))
+
+
+@dataclass(frozen=True)
+class Remembered:
+    """A value with its sigma, both in the variable's unit, as an earlier fit has left it."""
+
+    value: float
     sigma: float
 
 
@@ -184,12 +208,23 @@ class LinkVariable(_Bounded):
 Variable: TypeAlias = ParameterVariable | EffectVariable | OnsetVariable | LinkVariable
 
 
-def anchored(variable: Variable) -> Variable:
-    """The variable with a wide belief about where it starts: within a factor of two, or a twentieth of its box."""
+def anchored(variable: Variable, remembered: Remembered | None = None) -> Variable:
+    """The variable with a wide belief about where it starts: within a factor of two, or a twentieth of its box.
+
+    Where it is `remembered` the belief is as narrow as that, and wide about it should the value have changed.
+    """
     if variable.log:
-        return replace(variable, prior=Prior(float(np.log(variable.start)), float(np.log(ANCHOR_FACTOR))))
-    width = max(abs(variable.start), ANCHOR_SIGNED_SHARE * (variable.upper - variable.lower))
-    return replace(variable, prior=Prior(variable.start, width))
+        mean, width = float(np.log(variable.start)), float(np.log(ANCHOR_FACTOR))
+    else:
+        mean, width = variable.start, max(abs(variable.start), ANCHOR_SIGNED_SHARE * (variable.upper - variable.lower))
+    if remembered is None or (variable.log and remembered.value <= 0.0):
+        return replace(variable, prior=Prior(mean, width))
+    sigma = float(np.hypot(remembered.sigma, SESSIONS_DIFFER * abs(remembered.value)))
+    mean = float(np.log(remembered.value)) if variable.log else remembered.value
+    sigma = sigma / remembered.value if variable.log else sigma
+    if not 0.0 < sigma < width:
+        return replace(variable, prior=Prior(mean, width))
+    return replace(variable, prior=Prior(mean, sigma, changed=width))
 
 
 def effect_variable(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from twin_daemon.calibration.calibrate import Calibration, calibrate
@@ -10,6 +10,7 @@ from twin_daemon.calibration.spaces import Space, load_space, variables_of
 from twin_daemon.diagnosis.stepwise import Ladder, stepwise
 from twin_daemon.estimation.solvers.tracker import Progress
 from twin_daemon.estimation.uncertainty import Estimate
+from twin_daemon.estimation.variables import Remembered
 from twin_daemon.executor import TimeLimit
 from twin_daemon.recalibration.decide import Decision, decide
 from twin_daemon.simulation.alignment import Aligned, moving_joints
@@ -48,13 +49,14 @@ def recalibrate(
     seed: int = 0,
     progress: Progress | None = None,
     say: Callable[[str], None] = lambda _: None,
+    remembered: Mapping[str, Remembered] | None = None,
 ) -> Recalibration:
     """Refits the twin to what its hand does now.
 
     `promised_rad2` is the held-out error that the version showed when it was made; `joints` are those that drifted
     (all that move without them). It takes `seconds` of all cores: of these the search has two fifths, and what is
     left when it has been judged goes to a diagnosis, where one is needed. A KeyboardInterrupt ends the search, with the
-    best so far and without a diagnosis.
+    best so far and without a diagnosis. `remembered` is what the version in use knows of its values, by name.
     """
     limit = TimeLimit(seconds)
     space = _around(load_space(SPACE), joints)
@@ -72,6 +74,7 @@ def recalibrate(
         seconds=time_s,
         seed=seed,
         progress=progress,
+        remembered=remembered,
     )
     after = twin.changed(fitted.terms)
     decision = decide(twin, after, held, fitted.parameters, started, seed)

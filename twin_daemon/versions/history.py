@@ -118,12 +118,10 @@ def history(
             f"no version of {store.hand} was ever promoted, so there is no history",
             todo="Promote one: 'twin versions promote'",
         )
-    gathered: dict[str, list[Point]] = {}
+    gathered = _gathered(promoted)
     units: dict[str, str] = {}
     bands: dict[str, tuple[float | None, float | None]] = {}
     for promotion in promoted:
-        for name, value, ci95 in _values(promotion.version):
-            gathered.setdefault(name, []).append(Point(promotion.at, promotion.version.id, value, ci95))
         for name, record in promotion.version.parameters.items():
             units[name] = record.unit or units.get(name, "")
             if record.lower is not None or record.upper is not None:
@@ -143,6 +141,19 @@ def history(
         )
         for name, points in _chosen(gathered, names).items()
     ]
+
+
+def measured_points(store: VersionStore) -> dict[str, list[Point]]:
+    """What was fitted of each value in versions that were promoted, oldest first."""
+    return {name: _measured(points) for name, points in _gathered(promotions(store)).items()}
+
+
+def _gathered(promoted: Sequence[Promotion]) -> dict[str, list[Point]]:
+    found: dict[str, list[Point]] = {}
+    for promotion in promoted:
+        for name, value, ci95 in _values(promotion.version):
+            found.setdefault(name, []).append(Point(promotion.at, promotion.version.id, value, ci95))
+    return found
 
 
 def _follow(standing: list[tuple[str, str | None]], decision: Decision) -> None:

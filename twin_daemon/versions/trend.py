@@ -21,7 +21,7 @@ from scipy.special import ndtr
 
 Z95 = 1.959963984540054
 _SAME = 1e-12  # of the value: an interval narrower than this says nothing about the weight
-_DEFAULT_SPREAD = 0.03  # of a value, between sessions without wear, until there are three
+USUAL_SPREAD = 0.03  # of a value, between sessions without wear, until there are three
 _SPREADS = (0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0)  # of what a straight line leaves
 _WALKS = {0.0: 0.91, 0.25: 0.03, 0.5: 0.03, 1.0: 0.03}  # of that, between two looks: how probable each is beforehand
 _TURNS = {0.0: 0.94, 3.0: 0.03, 10.0: 0.03}  # of that over the time watched: by how much its rate changes in all
@@ -164,7 +164,7 @@ class _Series:
         self.left = max(float(np.sqrt((left**2).sum() / max(n - shape.shape[1], 1))), _SAME * self.size)
         least = _SAME * self.size
         self.spreads = (
-            (_DEFAULT_SPREAD * float(np.median(np.abs(self.values))),)
+            (USUAL_SPREAD * float(np.median(np.abs(self.values))),)
             if n < 3
             else tuple(share * self.left for share in ((0.0, *_SPREADS) if known else _SPREADS))
         )

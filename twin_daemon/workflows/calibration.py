@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from twin_daemon.workflows.data_check import warn_before_fit
 from twin_daemon.workflows.progress import progress_bar
-from twin_daemon.workflows.session import Session, held_out, known_after, region_after, used
+from twin_daemon.workflows.session import Session, held_out, known_after, region_after, remembered, used
 
 if TYPE_CHECKING:
     from twin_daemon.calibration.calibrate import Calibration
@@ -35,7 +35,17 @@ def calibrated(
     warnings = warn_before_fit(session, train)
     train, held, notes = held_out(train, held)
     with on_cluster(cluster), progress_bar(f"{search} over '{chosen.name}'", budget) as report:
-        result = calibrate(session.twin, train, held, chosen, search, budget=budget, seed=seed, progress=report)
+        result = calibrate(
+            session.twin,
+            train,
+            held,
+            chosen,
+            search,
+            budget=budget,
+            seed=seed,
+            progress=report,
+            remembered=remembered(session),
+        )
     if result.not_fitted:
         notes.append(
             f"left as they are, since their parts touch something nearly all the time: {', '.join(result.not_fitted)}. "

@@ -96,11 +96,14 @@ def diagnosed_since(
 ) -> tuple[dict[str, Any], Since]:
     """(what the command writes, the same as values)."""
     from twin_daemon.changes.search import changes_since
+    from twin_daemon.changes.thresholds import SPIKE
     from twin_daemon.executor import TimeLimit
+    from twin_daemon.versions.spread import spread_between_sessions
     from twin_daemon.workflows.diagnosis import ended_early, joint_names, read_from
     from twin_daemon.workflows.progress import streaming
 
     _require_another(recorded, earlier.recordings)
+    spread = spread_between_sessions(session.store)
     began = time.perf_counter()
     with streaming() as say:
         found = changes_since(
@@ -110,6 +113,7 @@ def diagnosed_since(
             held,
             joints=joint_names(session.twin, joints),
             believed=earlier.believed,
+            spread=SPIKE if spread is None else spread,
             seed=seed,
             stream=say,
             limit=TimeLimit(wall_s=within_s),
@@ -124,6 +128,7 @@ def diagnosed_since(
         "held_out_on": read_from(held),
         "baseline": read_from(earlier.recordings),
         "since_version": earlier.version,
+        "spread_between_sessions": spread,
     }
     found = found.model_copy(update={"notes": tuple(notes), **about})
     return {**found.model_dump(by_alias=True), "wall_s": time.perf_counter() - began}, found

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from twin_daemon.workflows.calibration import fitted_values
 from twin_daemon.workflows.change import draft_of
 from twin_daemon.workflows.progress import progress_bar, progress_console
-from twin_daemon.workflows.session import Session, held_out
+from twin_daemon.workflows.session import Session, held_out, remembered
 
 if TYPE_CHECKING:
     from twin_daemon.estimation.estimate import Estimate
@@ -48,6 +48,7 @@ def recalibrated(
             seed=seed,
             progress=report,
             say=lambda line: console.print(line, markup=False, emoji=False),
+            remembered=remembered(session),
         )
     payload = _payload(session, found, held, notes, seed)
     together = found.calibration.correlations if found.ladder is None else ()

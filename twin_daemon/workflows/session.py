@@ -13,6 +13,7 @@ from twin_daemon.errors import BadInput, UsageError
 if TYPE_CHECKING:
     from twin_daemon.comparison.region import Region
     from twin_daemon.estimation.estimate import Correlated
+    from twin_daemon.estimation.variables import Remembered
     from twin_daemon.hand import Hand
     from twin_daemon.simulation.alignment import Aligned
     from twin_daemon.simulation.twin import TwinModel
@@ -143,6 +144,21 @@ def known_after(
 
     before = None if session.version is None else session.store.get(session.version)
     return after_fit(parameters, correlations, None if before is None else posterior_of(before, session.store.now()))
+
+
+def remembered(session: Session) -> dict[str, Remembered]:
+    """What the session's version knows of its values by name, widened by the time since; nothing without a version."""
+    from twin_daemon.estimation.variables import Remembered
+    from twin_daemon.versions.posterior import posterior_of
+
+    if session.version is None:
+        return {}
+    known = posterior_of(session.store.get(session.version), session.store.now())
+    variances = [known.covariance[i][i] for i in range(len(known.names))]
+    return {
+        name: Remembered(mean, variance**0.5)
+        for name, mean, variance in zip(known.names, known.means, variances, strict=True)
+    }
 
 
 def silence_mujoco() -> None:
