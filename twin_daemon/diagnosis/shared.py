@@ -119,6 +119,22 @@ class SharedSearch:
         """(g,) what each group leaves with what its nuisances can do, in floors."""
         return np.array([group.times_floor for group in self._groups])
 
+    @property
+    def _most_cost(self) -> float:
+        """What a cause may leave of all rows and still take half of what is above the floor from most groups."""
+        above = sorted(float(group.rows @ group.rows) - group.floor_cost for group in self._groups)
+        return float(self._nothing @ self._nothing) - 0.5 * sum(max(one, 0.0) for one in above[: len(above) // 2 + 1])
+
+    def _helps_most(self, begun: _Begun) -> bool:
+        """Whether a cause takes half of what is above the floor from most groups, or brings them to it."""
+        ends = np.cumsum([len(group.rows) for group in self._groups])[:-1]
+        helped = 0
+        for group, rows in zip(self._groups, np.split(begun.rows, ends), strict=True):
+            nothing, left = float(group.rows @ group.rows), float(rows @ rows)
+            most = max(FLOOR_CHI_SQUARE * group.floor_cost, 0.5 * (nothing + group.floor_cost))
+            helped += left <= most
+        return 2 * helped > len(self._groups)
+
     def _changed(self, cause: SharedCause, values: Mapping[str, float]) -> list[Reduced]:
         if cause.effect.shared != "load":
             return [
@@ -200,7 +216,7 @@ class SharedSearch:
         """
         cause = begun.cause
         slopes = np.zeros((len(begun.rows), len(cause.amplitudes)))
-        for share in SHARED_STEPS:
+        for count, share in enumerate(SHARED_STEPS):
             limit.check()
             for column, name in enumerate(cause.amplitudes):
                 step = share * max(abs(begun.values[name]), abs(cause.typical(name)))
@@ -208,7 +224,9 @@ class SharedSearch:
                 slopes[:, column] = (rows - begun.rows) / step
             move = np.linalg.lstsq(slopes, -begun.rows, rcond=None)[0]
             expected = begun.cost - float(((begun.rows + slopes @ move) ** 2).sum())
-            if 0.5 * expected < SHARED_SETTLED_NATS or begun.cost - expected > reach:
+            # where a cause begins its slopes may promise too little, so that it is moved once
+            within = min(reach, self._most_cost) if count else reach
+            if 0.5 * expected < SHARED_SETTLED_NATS or begun.cost - expected > within:
                 break
             begun = self._moved(begun, move)
         return self._without_idle(begun, slopes), slopes
@@ -264,6 +282,8 @@ class SharedSearch:
         nothing = float(self._nothing @ self._nothing)
         if best.cost > most_left * nothing + sum(group.floor_cost for group in self._groups):
             return None
+        if not self._helps_most(best):
+            return None  # where it settles it takes away more, but not the half
         found, slopes, there = self.settled(best, limit)
         cause, values = found.cause, found.values
         above, looked_at = self._above, there.beside(cause, values)
