@@ -3,7 +3,8 @@ import { attempt, needsAuthorization, works } from "./api";
 import { errorsOf, hear, known, mark, recording, shown, version, versionTitle, type Errors } from "./data";
 import { made, milli, number, put, row, short, size, table, withUnit } from "./dom";
 import { fields } from "./fields";
-import { begin, jobs, ofSelection, running, words } from "./jobs";
+import { KINDS, begin, jobs, ofSelection, running, words } from "./jobs";
+import { missing } from "./proposals";
 import { NAMES, added, better, standing, type Step } from "./path";
 import { exporting, promoting, rollback } from "./promotion";
 import { live, on, select, selection } from "./state";
@@ -55,7 +56,7 @@ const content: Record<Step, () => (Node | null)[]> = {
     const options = [fields.version(), fields.holdout(), fields.joints(), fields.within()];
     const run = diagnosing(ended);
     const ladder = button("Ladder: diagnose, add, again", () => begin("ladder"), "ladder", false);
-    if (ended && job.result) return [verdict(job), made("details", {}, made("summary", {}, "Diagnose again"), ...options, run, ladder)];
+    if (ended && job.result) return [verdict(job, missing(job)), made("details", {}, made("summary", {}, "Diagnose again"), ...options, run, ladder)];
     return [job && job.status !== "running" ? made("p", { className: "bad", id: "job-status" }, words(job)) : null, ...options, run, ladder, job && job.status !== "running" ? log(job) : null];
   },
   add() {
@@ -138,7 +139,7 @@ async function elsewhere(new_: string, base: string, result: HTMLElement): Promi
 function show(force = false): void {
   const busy = running(), step = selection.step as Step;
   const key = [step, selection.source, selection.version, selection.others, selection.joint, selection.holdout, busy?.kind, known.opening, known.errors.size, known.aliases.current,
-    known.recordings.length, ...(["check", "diagnose", "add", "ladder"] as const).map((kind) => `${jobs[kind]?.number} ${jobs[kind]?.status}`), busy ? `${busy.lines.length} ${Math.floor(busy.seconds)}` : ""].join("|");
+    known.recordings.length, ...KINDS.map((kind) => `${jobs[kind]?.number} ${jobs[kind]?.status}`), busy ? `${busy.lines.length} ${Math.floor(busy.seconds)}` : ""].join("|");
   if (!force && key === drawnAs) return;
   // somebody types: it waits
   if (!force && body.contains(document.activeElement) && /^(INPUT|SELECT|TEXTAREA)$/.test(document.activeElement!.tagName) && drawnAs.startsWith(`${step}|`) && !busy) return;
@@ -166,5 +167,5 @@ function ended(kind: string): void {
     select({ others: [new_.version, ...selection.others.filter((id) => id !== new_.version)].slice(0, 2), step: "add" });
     mark("added", new_.version);
   }
-  if (kind === "diagnose") select({ step: "diagnose" });
+  if (kind === "diagnose" || kind === "propose") select({ step: "diagnose" });
 }

@@ -3,13 +3,13 @@ import { facts, post, read } from "./api";
 import { mark } from "./data";
 import { selection } from "./state";
 
-export const KINDS = ["check", "diagnose", "add", "ladder"] as const;
+export const KINDS = ["check", "diagnose", "propose", "add", "ladder"] as const;
 export type Kind = (typeof KINDS)[number];
 export interface Job {
   kind: Kind; status: "none" | "running" | "done" | "failed" | "stopped"; number: number; lines: string[]; count: number;
   limit_s: number | null; about: Record<string, string>; error: string | null; seconds: number; result: any;
 }
-const NAMES = { check: "The check", diagnose: "The diagnosis", add: "The addition", ladder: "The ladder" };
+const NAMES = { check: "The check", diagnose: "The diagnosis", propose: "The search for a law", add: "The addition", ladder: "The ladder" };
 const AGAIN_MS = 400, IDLE_MS = 3000;
 
 export const jobs: Partial<Record<Kind, Job>> = {};

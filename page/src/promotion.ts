@@ -2,6 +2,7 @@
 import { needsAuthorization, post, say, works } from "./api";
 import { known } from "./data";
 import { icon, made } from "./dom";
+import { select, selection } from "./state";
 import download from "lucide-static/icons/download.svg?raw";
 
 const changed = () => dispatchEvent(new Event("versions-changed"));
@@ -29,8 +30,11 @@ export function promoting(id: string, text = "Promote", primary = false): HTMLBu
     const worse = known.versions.find((one) => one.id === id)?.worse;
     const reason = await reasonFor("Promote", worse ? `It is worse than the version in use: ${worse}. Promote it all the same? Then say why.` : `Version ${id.slice(0, 12)} is then in use.`, Boolean(worse));
     if (reason === null) return;
+    const before = known.aliases.current;
     const answer = await post("/api/versions/promote", { version: id, ...(reason ? { reason } : {}), ...(worse ? { force: true } : {}) });
     say(`Version ${answer.current.slice(0, 12)} (${answer.title}) is in use now; a running daemon takes it up within a second or two.`, "note");
+    // what was shown as the version in use is shown as that, beside the one before
+    if (selection.version === before) select({ version: answer.current, others: [before, ...selection.others].filter((one) => one !== answer.current).slice(0, 2) });
     changed();
   });
 }

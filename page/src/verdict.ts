@@ -69,11 +69,13 @@ const percent = (share: number | null) => (share === null || share === undefined
 export const change = (from: number | null | undefined, to: number | null | undefined) => (from === null || from === undefined || to === null || to === undefined ? "not tested"
   : `${number(from)} → ${number(to)} rad² (${milli(Math.sqrt(from))} → ${milli(Math.sqrt(to))} mrad)`);
 
-export function verdict(job: Job): HTMLElement {
+// `beside` stands between the findings and what speaks for them.
+export function verdict(job: Job, beside: HTMLElement | null): HTMLElement {
   const result = job.result, box = made("div", { id: "diagnosis" });
   const words_ = { explained: "Explained", ambiguous: "Ambiguous", not_excited: "Not excited", unexplained: "Unexplained", within_noise: "Within noise" }[result.verdict as string];
   box.append(made("p", { className: `verdict ${result.verdict}` }, made("b", {}, `${words_}.`), ` ${capital(result.words.replace(/^[^:]*: ?/, ""))} `, made("span", { className: "soft" }, result.reason)));
   result.findings.forEach((one: any, index: number) => box.append(card(one, job, index === 0)));
+  if (beside) box.append(beside);
   const chances = result.probabilities as { effects: string[]; probability: number }[];
   if (chances.length) {
     box.append(made("h3", {}, "What else it could be"), made("table", { className: "race" }, made("caption", { className: "hidden" }, "Probability of each cause"), made("tbody", {}, ...chances.slice(0, 6).map((one, index) =>

@@ -193,6 +193,8 @@ class Visit:
         self.found.seconds += time.monotonic() - self._begun_s
         self._begun_s = time.monotonic()
         self._tab.until("document.getElementById('inspector').innerText.includes('is in use')", _WAIT_S)
+        shown = "new URLSearchParams(location.hash.slice(1)).get('v')"  # the version that the page goes on with
+        self._tab.until(f"{shown} === '{self.found.version}'", _WAIT_S)
         steps = self._job("add")["result"]
         self.found.left = (steps["holdout_after"]["mse_rad2"] / steps["holdout_before"]["mse_rad2"]) ** 0.5
         self._look("promoted")

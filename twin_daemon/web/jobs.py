@@ -1,4 +1,5 @@
-"""Long work for the page, each in a process of its own: `twin check`, `diagnose`, `add` and `ladder`, one at a time."""
+"""Long work for the page, each in a process of its own: `twin check`, `diagnose`, `propose`, `add` and `ladder`, one
+at a time."""
 
 from __future__ import annotations
 
@@ -18,7 +19,7 @@ from typing import Any, Literal
 from twin_daemon.errors import BadInput, Refused
 from twin_daemon.resources import step_back, twin_command
 
-Kind = Literal["check", "diagnose", "add", "ladder"]
+Kind = Literal["check", "diagnose", "propose", "add", "ladder"]
 Status = Literal["running", "done", "failed", "stopped"]
 
 _NICE = 10  # below what is live, but somebody waits for it

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from pydantic import ValidationError
@@ -12,8 +12,9 @@ from starlette.routing import BaseRoute
 
 from twin_daemon.diagnosis.verdict import Diagnosis, LadderResult
 from twin_daemon.effects import LIBRARY
-from twin_daemon.errors import BadInput, nearest
+from twin_daemon.errors import BadInput
 from twin_daemon.places import HAND, ROBOT
+from twin_daemon.proposals.proposal import Proposals
 from twin_daemon.signals.trajectory import load_trajectory
 from twin_daemon.simulation.follow import follow
 from twin_daemon.simulation.signature import signature
@@ -23,10 +24,12 @@ from twin_daemon.web.jobs import Job, Jobs, Kind
 from twin_daemon.web.library import Library
 from twin_daemon.web.model_cache import ModelCache
 from twin_daemon.web.numbers import listed
+from twin_daemon.workflows.change import known_effect
 
 _MOST_STEPS = 12
 _MOST_CURVES = 8
 _LONGEST_S = 86_400.0
+_LONGEST_NAME = 60
 _MOST_POINTS = 1500  # of a curve
 
 
@@ -46,6 +49,7 @@ class Learn:
             reading("/api/experiment", lambda _: self._experiment()),
             posting("/api/job/check", self._check),
             posting("/api/job/diagnose", self._diagnose),
+            posting("/api/job/propose", self._propose),
             posting("/api/job/add", self._add),
             posting("/api/job/ladder", self._ladder),
             posting("/api/job/stop", self._stop),
@@ -69,11 +73,18 @@ class Learn:
             arguments += ["--within", f"{limit_s:.0f}"]
         return {"number": self._jobs.start("diagnose", arguments, about, limit_s).number}
 
+    def _propose(self, body: dict[str, Any]) -> dict[str, Any]:
+        """The law that the last diagnosis of the same data and version has not named; of others it diagnoses first."""
+        arguments, about = self._common(body)
+        job = self._jobs.latest("diagnose")
+        if job is not None and job.result is not None and job.about == about:
+            arguments += ["--diagnosis", str(job.path)]
+        return self._begun("propose", arguments, about)
+
     def _add(self, body: dict[str, Any]) -> dict[str, Any]:
         arguments, about = self._common(body)
         effect, place = str(body.get("effect", "")), self._place(body.get("joint"))
-        if effect not in LIBRARY:
-            raise BadInput(f"no effect '{effect:.60}'", todo=nearest(effect, list(LIBRARY)))
+        known_effect(effect[:_LONGEST_NAME])
         values = body.get("values")
         taken = self._found(about, effect, place) if values is None else _settings(effect, values)
         return self._begun(
@@ -138,7 +149,7 @@ class Learn:
 
     def _job(self, request: Request) -> dict[str, Any]:
         """The last job of a kind: what it said after line `after` and, when it has ended, what came of it."""
-        kinds: dict[str, Kind] = {"check": "check", "diagnose": "diagnose", "add": "add", "ladder": "ladder"}
+        kinds: dict[str, Kind] = {kind: kind for kind in get_args(Kind)}
         kind = kinds.get(request.query_params.get("kind", ""))
         if kind is None:
             raise BadInput("no such work", allowed=", ".join(kinds))
@@ -167,6 +178,8 @@ class Learn:
             if job.kind == "diagnose":
                 found = Diagnosis.model_validate(job.result)
                 return found.model_dump(mode="json", by_alias=True, exclude={"terms"}) | {"words": found.in_words}
+            if job.kind == "propose":
+                return Proposals.model_validate(job.result).model_dump(mode="json")
             if job.kind == "ladder":
                 ladder = LadderResult.model_validate(job.result)
                 steps = sum(step.effect is not None for step in ladder.steps)
