@@ -10,16 +10,21 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bench.foreign_laws import Law, record
 from tests.proposals.conftest import UNEXPLAINED
 from twin_daemon.cli.app import main
 from twin_daemon.diagnosis.verdict import Diagnosis
 from twin_daemon.effects.from_files import EffectFile, effect_of
 from twin_daemon.estimation.nuisances import nuisance_variables
+from twin_daemon.hand import load_hand
 from twin_daemon.proposals.features import OF_NEIGHBOURS, Feature, features
 from twin_daemon.proposals.law_problem import LawProblem
 from twin_daemon.proposals.propose import propose
 from twin_daemon.proposals.track import Track, track
 from twin_daemon.simulation.twin import TwinModel
+from twin_daemon.versions import VersionStore
+
+SOUND = Law("nothing", (), lambda: (None, None, None))
 
 Recorded = Callable[[str, float, float], list[list[Any]]]
 
@@ -170,3 +175,22 @@ def test_no_law_is_searched_where_the_library_has_the_answer(verdict: Any, twin:
     found = propose(twin, *recorded("sound", 8.0, 6.0), given, joints=["elbow"])
     assert not found.proposals
     assert found.verdict == verdict
+
+
+@pytest.mark.slow
+def test_a_law_that_has_come_since_a_version_is_proposed_beside_its_twin(
+    arm: Path, bags: Callable[..., tuple[Path, Path]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TWIN_STATE_DIR", str(tmp_path))
+    (tmp_path / "recordings").mkdir()
+    healthy = record(SOUND, tmp_path / "recordings" / "healthy.mcap", seconds=8.0, seed=3)
+    model = ["--model", str(arm)]
+    assert main(["calibrate", *model, "--recording", str(healthy), "--space", "wear"]) == 0
+    (version,) = [one for one in VersionStore.of(load_hand(model=arm)).list() if one.kind == "calibrated"]
+    fit, held = bags("eccentric_sensor", 8.0, 6.0)
+    words = [*model, "--recording", str(fit), "--holdout", str(held), "--since", version.id[:8], "--joints", "elbow"]
+    assert main(["propose", *words, "--json", str(tmp_path / "found.json")]) == 0
+    found = json.loads((tmp_path / "found.json").read_text(encoding="utf-8"))
+    assert found["since_version"] == version.id
+    assert [(one["port"], one["variables"]) for one in found["proposals"]] == [("reading", ["position"])]
+    assert found["proposals"][0]["holdout_gain"] > 0.9
