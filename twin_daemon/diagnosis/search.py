@@ -156,8 +156,8 @@ def _of_all(
     if len(chosen) < 2 or 2 * len(chosen) <= len(begun):
         return None
     above = [begun[i] for i in chosen]
-    moving = [joint for reduced, _ in above for joint in reduced.joints]
-    causes = [cause for cause in shared_causes(twin, moving, everywhere=True) if cause.target == ROBOT]
+    joints = [reduced.joints for reduced, _ in above]
+    causes = [cause for cause in shared_causes(twin, joints, everywhere=True) if cause.target == ROBOT]
     found = search.only(chosen).best(causes, limit, seed, most_left=OF_ALL_LEFT)
     if found is not None:
         say(f"{found.finding.name} explains {len(found.looked_at)} of {len(above)} groups above the floor")
@@ -174,8 +174,8 @@ def _shared(
     say: Say,
 ) -> Shared | None:
     """One cause behind all groups above the floor: cheaper than one each, so it is tried first."""
-    moving = [joint for reduced, _ in above for joint in reduced.joints]
-    causes = shared_causes(twin, moving, everywhere=2 * len(above) > groups)
+    joints = [reduced.joints for reduced, _ in above]
+    causes = shared_causes(twin, joints, everywhere=2 * len(above) > groups)
     found = SharedSearch(twin, reduction, above).best(causes, limit, seed)
     if found is not None:
         say(f"{found.finding.name} explains {len(found.looked_at)} of {len(above)} groups above the floor")

@@ -97,14 +97,16 @@ class SharedCause:
         return next(parameter for parameter in self.effect.parameters if parameter.name == name)
 
 
-def shared_causes(twin: TwinModel, joints: Sequence[str], *, everywhere: bool) -> list[SharedCause]:
-    """What may be behind errors at several groups of joints; at all servos or joints where it may be `everywhere`."""
-    carried = linked(twin, [joints, *([joint] for joint in twin.joints)])
-    near = {twin.joints[index - 1] for index in next(group for group in carried if 0 in group) if index}
+def shared_causes(twin: TwinModel, groups: Sequence[Sequence[str]], *, everywhere: bool) -> list[SharedCause]:
+    """What may be behind errors at several groups of joints; at all servos or joints where it may be `everywhere`.
+
+    A load is looked for where all groups feel it: what one of them does not feel explains nothing of its error.
+    """
+    felt = [joint for joint in twin.joints if all(len(linked(twin, [group, [joint]])) == 1 for group in groups)]
     places = {
         "servos": [ROBOT] if everywhere else [],
         "joints": [ROBOT] if everywhere else [],
-        "load": [HAND, *(j for j in twin.joints if j in near)],
+        "load": [HAND, *felt],
     }
     return [
         SharedCause(effect, target)
