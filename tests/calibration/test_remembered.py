@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -17,6 +18,7 @@ from twin_daemon.estimation.variables import Prior, Remembered
 from twin_daemon.simulation.alignment import align
 from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
+from twin_daemon.versions.trend import USUAL_SPREAD
 
 WORN = {"rh_FFJ3.damping": 1.6, "rh_FFJ0.kp": 0.8, "rh_FFJ3.frictionloss": 1.5}
 
@@ -35,7 +37,8 @@ def fitted(twin: TwinModel, hand: TwinModel, seed: int, remembered: Mapping[str,
 def yesterday(twin: TwinModel) -> tuple[TwinModel, dict[str, Remembered]]:
     found = fitted(twin, real(twin, WORN), 1, None)
     known = {
-        name: Remembered(one.value, (one.ci95[1] - one.ci95[0]) / (2.0 * Z95)) for name, one in found.parameters.items()
+        name: Remembered(one.value, math.hypot((one.ci95[1] - one.ci95[0]) / (2.0 * Z95), USUAL_SPREAD * one.value))
+        for name, one in found.parameters.items()
     }
     return twin.changed(found.terms), known
 

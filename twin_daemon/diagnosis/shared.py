@@ -28,6 +28,7 @@ from twin_daemon.diagnosis.thresholds import (
     SHARED_SETTLED_NATS,
     SHARED_SHARES,
     SHARED_STEPS,
+    SHARED_TAKEN,
 )
 from twin_daemon.diagnosis.validation import Validation
 from twin_daemon.diagnosis.verdict import Finding
@@ -121,17 +122,19 @@ class SharedSearch:
 
     @property
     def _most_cost(self) -> float:
-        """What a cause may leave of all rows and still take half of what is above the floor from most groups."""
+        """What a cause may leave of all rows and still take its share of what is above the floor from most groups."""
         above = sorted(float(group.rows @ group.rows) - group.floor_cost for group in self._groups)
-        return float(self._nothing @ self._nothing) - 0.5 * sum(max(one, 0.0) for one in above[: len(above) // 2 + 1])
+        return float(self._nothing @ self._nothing) - SHARED_TAKEN * sum(
+            max(one, 0.0) for one in above[: len(above) // 2 + 1]
+        )
 
     def _helps_most(self, begun: _Begun) -> bool:
-        """Whether a cause takes half of what is above the floor from most groups, or brings them to it."""
+        """Whether a cause takes its share of what is above the floor from most groups, or brings them to it."""
         ends = np.cumsum([len(group.rows) for group in self._groups])[:-1]
         helped = 0
         for group, rows in zip(self._groups, np.split(begun.rows, ends), strict=True):
             nothing, left = float(group.rows @ group.rows), float(rows @ rows)
-            most = max(FLOOR_CHI_SQUARE * group.floor_cost, 0.5 * (nothing + group.floor_cost))
+            most = max(FLOOR_CHI_SQUARE * group.floor_cost, nothing - SHARED_TAKEN * (nothing - group.floor_cost))
             helped += left <= most
         return 2 * helped > len(self._groups)
 
@@ -283,7 +286,7 @@ class SharedSearch:
         if best.cost > most_left * nothing + sum(group.floor_cost for group in self._groups):
             return None
         if not self._helps_most(best):
-            return None  # where it settles it takes away more, but not the half
+            return None
         found, slopes, there = self.settled(best, limit)
         cause, values = found.cause, found.values
         above, looked_at = self._above, there.beside(cause, values)

@@ -51,6 +51,11 @@ SHARED_STEPS = tuple(
     for share in (0.1, 0.03, 0.01, 0.003)
 )
 SHARED_SETTLED_NATS = Threshold(0.5, "nats", "that a step of such values promises: with less their fit ends")
+SHARED_TAKEN = Threshold(
+    0.5,
+    "1",
+    "of what is above the floor, from most groups: a cause that takes less of it is not fitted to its end",
+)
 SHARED_HALVINGS = Count(3, "halvings", "of a step of such values that gains nothing")
 
 # -- verdicts ------------------------------------------------------------------------------------------------

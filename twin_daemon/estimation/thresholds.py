@@ -43,7 +43,6 @@ class Count(int):
 AT_BOUND_SHARE = Threshold(5e-3, "1", "of a variable's range: nearer than this to an end is on it")
 ANCHOR_FACTOR = Threshold(2.0, "1", "belief about a positive value that is anchored to its start")
 ANCHOR_SIGNED_SHARE = Threshold(0.05, "1", "of its range: the same for a value that may be 0 or change its sign")
-SESSIONS_DIFFER = Threshold(0.03, "1", "of a remembered value: spread between sessions without wear")
 CHANGED_BEFOREHAND = Threshold(0.1, "1", "probability that a remembered value has changed, before the recordings speak")
 ZERO_START_FACTOR = Threshold(20.0, "1", "over its lower bound: where a positive value starts that the model has as 0")
 

@@ -18,7 +18,6 @@ from twin_daemon.estimation.thresholds import (
     ANCHOR_SIGNED_SHARE,
     AT_BOUND_SHARE,
     CHANGED_BEFOREHAND,
-    SESSIONS_DIFFER,
 )
 
 
@@ -46,7 +45,7 @@ class Prior:
 
 @dataclass(frozen=True)
 class Remembered:
-    """A value with its sigma, both in the variable's unit, as an earlier fit has left it."""
+    """A value as an earlier fit has left it, and how far it may be off by now without wear (one sigma), in its unit."""
 
     value: float
     sigma: float
@@ -219,9 +218,8 @@ def anchored(variable: Variable, remembered: Remembered | None = None) -> Variab
         mean, width = variable.start, max(abs(variable.start), ANCHOR_SIGNED_SHARE * (variable.upper - variable.lower))
     if remembered is None or (variable.log and remembered.value <= 0.0):
         return replace(variable, prior=Prior(mean, width))
-    sigma = float(np.hypot(remembered.sigma, SESSIONS_DIFFER * abs(remembered.value)))
     mean = float(np.log(remembered.value)) if variable.log else remembered.value
-    sigma = sigma / remembered.value if variable.log else sigma
+    sigma = remembered.sigma / remembered.value if variable.log else remembered.sigma
     if not 0.0 < sigma < width:
         return replace(variable, prior=Prior(mean, width))
     return replace(variable, prior=Prior(mean, sigma, changed=width))

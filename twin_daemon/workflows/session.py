@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -147,17 +148,22 @@ def known_after(
 
 
 def remembered(session: Session) -> dict[str, Remembered]:
-    """What the session's version knows of its values by name, widened by the time since; nothing without a version."""
+    """What the session's version knows of its values by name, widened by the time since; nothing without a version.
+
+    Sessions differ without wear, by as much as this hand's versions say.
+    """
     from twin_daemon.estimation.variables import Remembered
     from twin_daemon.versions.posterior import posterior_of
+    from twin_daemon.versions.spread import spread_between_sessions
+    from twin_daemon.versions.trend import USUAL_SPREAD
 
     if session.version is None:
         return {}
     known = posterior_of(session.store.get(session.version), session.store.now())
-    variances = [known.covariance[i][i] for i in range(len(known.names))]
+    spread = spread_between_sessions(session.store) or USUAL_SPREAD
     return {
-        name: Remembered(mean, variance**0.5)
-        for name, mean, variance in zip(known.names, known.means, variances, strict=True)
+        name: Remembered(mean, math.hypot(known.covariance[i][i] ** 0.5, spread * mean))
+        for i, (name, mean) in enumerate(zip(known.names, known.means, strict=True))
     }
 
 
