@@ -55,6 +55,7 @@ function paint(): void {
 
 function run(one: Command | undefined): void {
   dialog.close();
+  input.blur(); // a closed dialog keeps the focus until the next frame, and keys would not reach the page
   if (one) attempt(one.act);
 }
 
