@@ -145,7 +145,7 @@ class SharedSearch:
                 for r, _ in self._above
             ]
         whole = self._twin.changed(cause.terms(self._twin, values))
-        found = [self._reduction.together(whole, [reduced]) for reduced, _ in self._above]
+        found = [self._reduction.anew(whole, reduced) for reduced, _ in self._above]
         return [reduced for reduced in found if reduced is not None]
 
     def _rows(self, cause: SharedCause, values: Mapping[str, float]) -> np.ndarray:
@@ -218,13 +218,13 @@ class SharedSearch:
         and a step that gains nothing is halved.
         """
         cause = begun.cause
-        slopes = np.zeros((len(begun.rows), len(cause.amplitudes)))
+        slopes = np.empty((len(begun.rows), 0))
         for count, share in enumerate(SHARED_STEPS):
             limit.check()
-            for column, name in enumerate(cause.amplitudes):
-                step = share * max(abs(begun.values[name]), abs(cause.typical(name)))
-                rows = self._rows(cause, begun.values | {name: begun.values[name] + step})
-                slopes[:, column] = (rows - begun.rows) / step
+            steps = {n: share * max(abs(begun.values[n]), abs(cause.typical(n))) for n in cause.amplitudes}
+            stepped = [begun.values | {name: begun.values[name] + step} for name, step in steps.items()]
+            found = concurrently(lambda values: self._rows(cause, values), stepped)
+            slopes = np.column_stack([(r - begun.rows) / step for r, step in zip(found, steps.values(), strict=True)])
             move = np.linalg.lstsq(slopes, -begun.rows, rcond=None)[0]
             expected = begun.cost - float(((begun.rows + slopes @ move) ** 2).sum())
             # where a cause begins its slopes may promise too little, so that it is moved once
@@ -273,7 +273,8 @@ class SharedSearch:
 
         What leaves more than a share `most_left` of the cost beside the floor is not looked at any further.
         """
-        begun = sorted((b for c in causes if (b := self.begun(c, limit)) is not None), key=lambda one: one.cost)
+        begun = [one for one in concurrently(lambda cause: self.begun(cause, limit), causes) if one is not None]
+        begun.sort(key=lambda one: one.cost)
         fits: list[tuple[_Begun, np.ndarray]] = []
         for one in begun[:SHARED_FINALISTS]:
             least = min((fit.cost for fit, _ in fits), default=np.inf)

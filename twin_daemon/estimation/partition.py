@@ -59,9 +59,17 @@ class Reduction:
         self._stirring = np.any([_stirring(r, w) for r, w in zip((*train, *holdout), self._least, strict=True)], axis=0)
 
     def of(
-        self, twin: TwinModel, part: Part, joints: Sequence[str], *, least_s: float = LEAST_CLEAR_S
+        self,
+        twin: TwinModel,
+        part: Part,
+        joints: Sequence[str],
+        *,
+        least_s: float = LEAST_CLEAR_S,
+        like: Reduced | None = None,
     ) -> Reduced | None:
         """The part with its moving trunk, over the motion in which it touches nothing; None where that is too short.
+
+        What uncertain starts do is taken from one cut `like` it, whose twin only has other values, where one is given.
 
         What the joints outside do to it while they move comes as torques along the measured motion.
 
@@ -94,14 +102,21 @@ class Reduction:
         clear = length_s(train) > least_s and enough_held
         if not clear:
             return None
-        both = (tuple(with_start_errors(small, cut, joints)) for cut in (train, holdout))
+        if like is None:
+            both = (tuple(with_start_errors(small, cut, joints)) for cut in (train, holdout))
+        else:
+            both = (tuple(map(_as_uncertain, *cut)) for cut in ((train, like.train), (holdout, like.holdout)))
         return Reduced(part.name, tuple(joints), small, *both)
 
     def together(self, twin: TwinModel, groups: Sequence[Reduced]) -> Reduced | None:
-        """Groups as one part of a twin, which may be another than they were cut from; of one group that group anew."""
+        """Groups as one part of a twin, which may be another than they were cut from."""
         own = {joint for group in groups for joint in group.joints}
         joints = tuple(joint for joint in twin.joints if joint in own)
         return self.of(twin, Part(groups[0].name, joints, ()), joints)
+
+    def anew(self, twin: TwinModel, group: Reduced) -> Reduced | None:
+        """One group of a twin that only has other values than the one that it was cut from."""
+        return self.of(twin, Part(group.name, group.joints, ()), group.joints, like=group)
 
     def following(self, twin: TwinModel) -> Reduction:
         """The same with the measured motion smoothed by a twin that follows it better."""
@@ -142,9 +157,10 @@ class Reduction:
 
     def _needed(self, twin: TwinModel) -> list[Needed]:
         """What the whole twin needs to move as in each recording; kept for the twin that was asked for last."""
-        if not self._whole or self._whole[0].twin is not twin:
-            self._whole = [Needed(twin, motion) for motion in self._motions or ()]
-        return self._whole
+        whole = self._whole  # threads ask for different twins
+        if not whole or whole[0].twin is not twin:
+            whole = self._whole = [Needed(twin, motion) for motion in self._motions or ()]
+        return whole
 
     def _touched(self, masks: Mapping[str, np.ndarray], joints: Sequence[str]) -> np.ndarray | None:
         """(n,) bool: when any branch that has some of the joints touches something."""
@@ -183,6 +199,10 @@ def restricted(aligned: Aligned, small: TwinModel) -> Aligned:
         start_velocity=aligned.start_velocity[columns],
         start_velocity_sigma=None if aligned.start_velocity_sigma is None else aligned.start_velocity_sigma[columns],
     )
+
+
+def _as_uncertain(piece: Aligned, like: Aligned) -> Aligned:
+    return replace(piece, start_response=like.start_response)
 
 
 def _stirring(recording: Aligned, least: np.ndarray) -> np.ndarray:
