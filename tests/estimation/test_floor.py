@@ -10,7 +10,7 @@ import pytest
 
 from tests.diagnosis.rig import rig_model
 from tests.simulation.made import Motion, recorded
-from twin_daemon.estimation.posterior import floor_variance
+from twin_daemon.estimation.floor import floor_variance
 from twin_daemon.hand import load_hand
 from twin_daemon.simulation.alignment import Aligned, align
 from twin_daemon.simulation.twin import TwinModel

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import pytest
 from tests.simulation.made import Motion, recorded
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.estimation.partition import Reduced, Reduction
-from twin_daemon.estimation.start_errors import Whitening
+from twin_daemon.estimation.start_errors import Whitening, with_start_errors
 from twin_daemon.hand import load_hand
 from twin_daemon.simulation.alignment import Aligned, align
 from twin_daemon.simulation.submodel import drive_groups
@@ -25,6 +26,11 @@ frictionloss="1e-5"/><geom type="capsule" size="0.002" fromto="0 0 0 0.02 0 0" m
 conaffinity="0"/></body></body></worldbody>
 <tendon><fixed name="both"><joint joint="near" coef="1"/><joint joint="far" coef="1"/></fixed></tendon>
 <actuator><position name="pair" tendon="both" kp="0.04" ctrlrange="0 3.14"/></actuator></mujoco>"""
+
+_ONE = """<mujoco model="one"><option timestep="0.0005" integrator="implicitfast"/><worldbody><body>
+<joint name="near" type="hinge" axis="0 1 0" damping="1.5" armature="0.02"/><geom type="capsule" size=".01"
+fromto="0 0 0 0 0 .2" mass=".1" contype="0" conaffinity="0"/></body></worldbody>
+<actuator><position name="near" joint="near" kp="30" kv="0" ctrlrange="-3 3"/></actuator></mujoco>"""
 
 _TIMES_S = np.arange(0.0, 14.0, 0.08)
 _TARGETS_RAD = 1.4 + 0.6 * np.sin(2.4 * _TIMES_S) + 0.3 * np.sin(6.1 * _TIMES_S)
@@ -80,3 +86,27 @@ def test_what_is_left_is_what_a_start_that_is_drawn_at_random_leaves() -> None:
     left = Whitening(response, sigma)(drawn) / sigma
     assert (left**2).sum(axis=(1, 2)).mean() == pytest.approx(left[0].size, rel=0.01)
     assert ((drawn / sigma) ** 2).sum(axis=(1, 2)).mean() > 10 * left[0].size
+
+
+def test_a_start_that_is_uncertain_is_not_held_against_a_servo(tmp_path: Path) -> None:
+    """A servo forgets in 50 ms how fast its joint went; a fine sensor shows what came of it until then."""
+    (tmp_path / "one.xml").write_text(_ONE)
+    twin = TwinModel.load(load_hand(model=tmp_path / "one.xml"))
+    motion: Motion = {"near": (_TIMES_S.tolist(), (0.7 * _TARGETS_RAD).tolist())}
+    plant = twin.at_step(5e-5)  # a robot has no time step
+    made = align(twin, recorded(plant, motion, np.random.default_rng(5), seconds=14.0, noise_rad=2e-4))
+    (group,) = drive_groups(twin)
+    part = Reduction(twin, [made], []).of(twin, group, group.joints)
+    assert part is not None
+    known = _left(part, part.train)
+    away = np.array([[0.02], [1.0]])
+    wrong = [
+        replace(
+            p, start_position=p.start_position + away[0], start_velocity=p.start_velocity + away[1], start_sigma=away
+        )
+        for p in part.train
+    ]
+    blind = _left(part, [replace(piece, start_response=None) for piece in wrong])
+    left = _left(part, with_start_errors(part.twin, wrong, part.joints))
+    assert blind > 10.0 * known
+    assert left < 1.1 * known

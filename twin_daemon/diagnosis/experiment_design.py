@@ -23,7 +23,7 @@ from twin_daemon.diagnosis.thresholds import (
 from twin_daemon.diagnosis.verdict import Diagnosis, Experiment, Finding
 from twin_daemon.effects import LIBRARY
 from twin_daemon.errors import BadInput
-from twin_daemon.estimation.posterior import floor_variance
+from twin_daemon.estimation.floor import floor_variance
 from twin_daemon.hand.description import Hand
 from twin_daemon.places import ROBOT
 from twin_daemon.signals.commands import CommandSignal

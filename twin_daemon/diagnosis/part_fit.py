@@ -27,8 +27,9 @@ from twin_daemon.diagnosis.thresholds import (
     SUSPECT_SIGMA,
 )
 from twin_daemon.diagnosis.verdict import MovedParameter
+from twin_daemon.estimation.floor import floor_variance
 from twin_daemon.estimation.nuisances import beside, carried_over, nuisance_variables
-from twin_daemon.estimation.posterior import Posterior, floor_and_corrections, floor_variance, tolerated
+from twin_daemon.estimation.posterior import Posterior, floor_and_corrections, tolerated
 from twin_daemon.estimation.solvers.trust_region import Derivative, Descent, descend, differenced, searched
 from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
 from twin_daemon.estimation.uncertainty import conditional_information

@@ -12,7 +12,7 @@ from twin_daemon.diagnosis.fit import Fit
 from twin_daemon.diagnosis.in_turn import by_motion
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.thresholds import ADEQUATE_FLOORS, AS_BEFORE, FORGIVEN_OFFSET_SIGMA, RELATIVE_ERROR
-from twin_daemon.estimation.posterior import floor_variance
+from twin_daemon.estimation.floor import floor_variance
 from twin_daemon.estimation.thresholds import OFFSET_FLOORS
 from twin_daemon.estimation.uncertainty import block_gain, block_samples, sample_squares
 from twin_daemon.simulation.alignment import Aligned

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin_daemon.estimation.posterior import floor_variance
+from twin_daemon.estimation.floor import floor_variance
 from twin_daemon.estimation.start_errors import with_start_errors
 from twin_daemon.estimation.thresholds import (
     CONTACT_EVERY_S,
@@ -197,7 +197,7 @@ def restricted(aligned: Aligned, small: TwinModel) -> Aligned:
         unhidden=None if aligned.unhidden is None else aligned.unhidden[:, columns],
         start_position=aligned.start_position[columns],
         start_velocity=aligned.start_velocity[columns],
-        start_velocity_sigma=None if aligned.start_velocity_sigma is None else aligned.start_velocity_sigma[columns],
+        start_sigma=None if aligned.start_sigma is None else aligned.start_sigma[:, columns],
     )
 
 

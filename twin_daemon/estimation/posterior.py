@@ -6,48 +6,19 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from twin_daemon.comparison.noise import noise_variance
+from twin_daemon.estimation.floor import floor_variance
 from twin_daemon.estimation.problem import Problem
 from twin_daemon.estimation.start_errors import Whitening
 from twin_daemon.estimation.thresholds import (
     FINER_STEPS,
     FLOOR_CHI_SQUARE,
     LEAST_CORRELATION_S,
-    LEAST_NOISE_RAD,
     OFFSET_FLOORS,
-    SPEED_SAMPLES,
 )
 from twin_daemon.estimation.variables import ParameterVariable, Variable
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.prescribed import response_time_s
 from twin_daemon.simulation.twin import TwinModel
-
-
-def floor_variance(recordings: Sequence[Aligned], joints: Sequence[str]) -> np.ndarray:
-    """(k,) rad^2: each joint's sensor noise and resolution, and what the jitter of stamps makes of its speed."""
-    noise, jitter = [], []
-    for joint in joints:
-        columns = [(r.time_s, r.measured[:, r.joints.index(joint)]) for r in recordings]
-        noise.append(float(np.median([noise_variance(values) for _, values in columns])))
-        # of the fastest piece no less than its share: a mean of squares is what it is compared with
-        samples = [len(time_s) for time_s, _ in columns]
-        jitter.append(float(np.average([_jitter_variance(*column) for column in columns], weights=samples)))
-    return np.maximum(np.add(noise, jitter), LEAST_NOISE_RAD**2)
-
-
-def _jitter_variance(time_s: np.ndarray, values: np.ndarray) -> float:
-    """rad^2: the variance of stamps about a regular clock times the mean squared speed."""
-    if len(time_s) < 4 * SPEED_SAMPLES:
-        return 0.0
-    index = np.arange(len(time_s))
-    clock = np.polyval(np.polyfit(index, time_s, 1), index)
-    # half of it: a jitter of the reading itself moves its stamp with it
-    jitter = np.diff(time_s - clock).var() / 2.0
-    speed = (values[2 * SPEED_SAMPLES :] - values[: -2 * SPEED_SAMPLES]) / np.maximum(
-        time_s[2 * SPEED_SAMPLES :] - time_s[: -2 * SPEED_SAMPLES], 1e-9
-    )
-    speed = speed[np.isfinite(speed)]
-    return float(jitter * (speed**2).mean()) if speed.size else 0.0
 
 
 def correlation_s(twin: TwinModel, joints: Sequence[str]) -> float:

@@ -1,7 +1,8 @@
-"""What uncertain starts do to a part whose joints no servo holds apart: the split of a coupled pair forgets nothing.
+"""What uncertain starts do to a part: where fifty samples a second show no speed, or where nothing forgets it.
 
-A joint that its servo holds has forgotten within a tenth of a second how fast it went at the start of a piece. The
-split of two joints on one tendon keeps what came of it until the piece ends: several times the noise of its sensors.
+A joint that its servo holds forgets within the servo's time how fast it went at the start of a piece. With few samples
+and fine sensors that is still a hundred times their noise: a sound arm was called worn for it. The split of two joints
+on one tendon, which no servo holds apart, keeps what came of it until the piece ends.
 """
 
 from __future__ import annotations
@@ -11,36 +12,59 @@ from dataclasses import replace
 
 import numpy as np
 
+from twin_daemon.estimation.floor import floor_variance
 from twin_daemon.estimation.problem import Problem
+from twin_daemon.estimation.thresholds import START_FLOORS, START_SHOWS
 from twin_daemon.simulation.alignment import Aligned
+from twin_daemon.simulation.prescribed import response_time_s
 from twin_daemon.simulation.twin import TwinModel
 
 
 def with_start_errors(twin: TwinModel, pieces: Sequence[Aligned], joints: Sequence[str]) -> list[Aligned]:
-    """The pieces with what a standard deviation of each start velocity does to the joints' readings.
+    """The pieces with what a standard deviation of each start position and velocity does to the joints' readings.
 
-    As they are where each of the joints has a servo of its own.
+    As they are where that is less than a sensor shows: where each of the joints has a servo of its own, no more comes
+    of a start than its speed makes in the servo's time.
     """
-    servos = sum(bool(set(driven) & set(joints)) for driven in twin.driven)
-    if len(joints) <= servos or not pieces or any(piece.start_velocity_sigma is None for piece in pieces):
+    if not pieces or any(piece.start_sigma is None for piece in pieces):
         return list(pieces)
-    nothing = np.zeros((1, 0))
-    before = Problem(twin, pieces, (), joints, threads=1).predict(nothing)
+    servos = sum(bool(set(driven) & set(joints)) for driven in twin.driven)
+    floor = np.sqrt(floor_variance(pieces, joints))
+    time_s = np.array([response_time_s(twin, joint) for joint in joints])
     columns = [twin.joints.index(joint) for joint in joints]
-    responses = [np.zeros((len(joints), len(piece.time_s), len(twin.joints))) for piece in pieces]
-    for number, column in enumerate(columns):
-        moved = Problem(twin, [_faster(piece, column) for piece in pieces], (), joints, threads=1).predict(nothing)
+    chosen = [
+        index
+        for index, piece in enumerate(pieces)
+        if piece.start_sigma is not None
+        and (
+            len(joints) > servos
+            or (
+                np.hypot(piece.start_sigma[0, columns], piece.start_sigma[1, columns] * time_s) > START_FLOORS * floor
+            ).any()
+        )
+    ]
+    if not chosen:
+        return list(pieces)
+    shown = [pieces[index] for index in chosen]
+    nothing = np.zeros((1, 0))
+    before = Problem(twin, shown, (), joints, threads=1).predict(nothing)
+    responses = [np.zeros((2 * len(joints), len(piece.time_s), len(twin.joints))) for piece in shown]
+    for number, (order, column) in enumerate((order, column) for order in range(2) for column in columns):
+        moved = Problem(twin, [_moved(piece, order, column) for piece in shown], (), joints, threads=1).predict(nothing)
         for response, after, was in zip(responses, moved, before, strict=True):
             response[number][:, columns] = np.nan_to_num(after[0] - was[0])
-    return [replace(piece, start_response=response) for piece, response in zip(pieces, responses, strict=True)]
+    out = list(pieces)
+    for index, response in zip(chosen, responses, strict=True):
+        out[index] = replace(pieces[index], start_response=response)
+    return out
 
 
-def _faster(piece: Aligned, column: int) -> Aligned:
-    """A piece that starts a standard deviation faster at one joint."""
-    assert piece.start_velocity_sigma is not None
-    velocity = piece.start_velocity.copy()
-    velocity[column] += piece.start_velocity_sigma[column]
-    return replace(piece, start_velocity=velocity)
+def _moved(piece: Aligned, order: int, column: int) -> Aligned:
+    """A piece that starts a standard deviation away (`order` 0) or faster (1) at one joint."""
+    assert piece.start_sigma is not None
+    start = np.array([piece.start_position, piece.start_velocity])
+    start[order, column] += piece.start_sigma[order, column]
+    return replace(piece, start_position=start[0], start_velocity=start[1])
 
 
 class Whitening:
@@ -55,7 +79,8 @@ class Whitening:
         self._sigma = sigma
         rows = (response / sigma).reshape(len(response), -1)
         ways, sizes, _ = np.linalg.svd(rows.T, full_matrices=False)
-        self._ways, self._taken = ways, 1.0 - 1.0 / np.sqrt(1.0 + sizes**2)
+        shows = sizes > START_SHOWS
+        self._ways, self._taken = ways[:, shows], 1.0 - 1.0 / np.sqrt(1.0 + sizes[shows] ** 2)
 
     def __call__(self, residuals: np.ndarray) -> np.ndarray:
         """(B, n, k) rad -> (B, n, k) rad."""

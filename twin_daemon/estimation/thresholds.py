@@ -100,6 +100,10 @@ AFTER_CONTACT_S = Threshold(0.15, "s", "left out after it, until what it did has
 LOOK_FOR_REST_S = Threshold(1.0, "s", "after a contact, in which the calmest start is looked for")
 MOST_EXCERPT_S = Threshold(40.0, "s", "of a recording that a search takes whole; a longer one is sampled")
 STRETCH_S = Threshold(8.0, "s", "of each stretch of a longer one")
+START_FLOORS = Threshold(
+    0.3, "floors", "of what a start's uncertainty may move a joint by that is taken for nothing: a tenth of a residual"
+)
+START_SHOWS = Threshold(1e-3, "sigma", "of what an uncertain start does that is more than rounding")
 START_SLOPE_S = Threshold(0.06, "s", "to either side of a stretch's start, from which its velocity is read")
 
 # -- parts of a hand -----------------------------------------------------------------------------------------

@@ -124,7 +124,7 @@ def _piece(aligned: Aligned, start: int, stop: int, width: int, turning: _Turnin
         onset_s=aligned.onset_s - begin,
         start_position=pose,
         start_velocity=speed,
-        start_velocity_sigma=sigma,
+        start_sigma=sigma,
         reaction=None if aligned.reaction is None else aligned.reaction.shifted(begin),
         turns=turning.before(start, pose),
     )
@@ -154,33 +154,40 @@ class _Turning:
 def _state(
     time_s: np.ndarray, measured: np.ndarray, index: int, width: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """((j,) rad, (j,) rad/s, (j,) rad/s its sigma) of all joints at a sample, from the line or the cubic around it.
+    """((j,) rad, (j,) rad/s, (2, j) their sigmas) of all joints at a sample, from the line or the cubic around it.
 
     A joint that is turning bends: the mean of the samples around it is then not where it is. One that sets off or stops
     within a sample or two is neither a line nor a cubic: the samples before that or those after it say where it is.
+    What these say otherwise is counted as uncertain: few samples a second show no speed that a servo soon changes.
     """
     half = max(2, width // 3)
     around = slice(max(0, index - half), index + half + 1)
     sides = slice(max(0, index - 2 * half), index + 1), slice(index, index + 2 * half + 1)
-    pose, speed, sigma = np.full(measured.shape[1], np.nan), *np.zeros((2, measured.shape[1]))
+    pose, speed, sigma = (
+        np.full(measured.shape[1], np.nan),
+        np.zeros(measured.shape[1]),
+        np.zeros((2, measured.shape[1])),
+    )
     for joint, column in enumerate(measured.T):
         local = _Local.of(time_s[around], column[around])
-        if local is not None and local.bends:
-            others = [other for side in sides if (other := _Local.of(time_s[side], column[side])) is not None]
-            best = min(others, key=lambda other: other.variance, default=local)
-            local = best if local.variance > BENDS * best.variance else local
         if local is not None:
-            pose[joint], speed[joint], sigma[joint] = local.position, local.velocity, local.velocity_sigma
+            others = [other for side in sides if (other := _Local.of(time_s[side], column[side])) is not None]
+            if local.bends:
+                best = min(others, key=lambda other: other.variance, default=local)
+                local = best if local.variance > BENDS * best.variance else local
+            pose[joint], speed[joint] = local.position, local.velocity
+            sigma[:, joint] = local.uncertain(others)
         elif np.isfinite(column[around]).any():
             pose[joint] = np.nanmean(column[around])
     return pose, speed, sigma
 
 
 class _Local(NamedTuple):
-    """A joint at time 0 by some samples: rad, rad/s, its sigma, rad^2 that the curve leaves, and whether they bend."""
+    """A joint at time 0 by some samples: rad, rad/s, their sigmas, rad^2 that the curve leaves, whether they bend."""
 
     position: float
     velocity: float
+    position_sigma: float
     velocity_sigma: float
     variance: float
     bends: bool
@@ -194,14 +201,23 @@ class _Local(NamedTuple):
             return None
         time_s, values = time_s[known], values[known]
         line, sigma, line_variance = _curve(time_s, values, 1)
+        where = (line_variance / len(values)) ** 0.5
         if len(values) > 6:
             cubic, cubic_sigma, variance = _curve(time_s, values, 3)
             if line_variance > BENDS * variance:
-                return cls(float(cubic[-1]), float(cubic[-2]), cubic_sigma, variance, True)
+                return cls(
+                    float(cubic[-1]), float(cubic[-2]), (variance / len(values)) ** 0.5, cubic_sigma, variance, True
+                )
         slope = float(line[0])
         if abs(slope) < STILL_SIGMA * sigma:
-            return cls(float(values.mean()), 0.0, max(sigma, abs(slope)), line_variance, False)
-        return cls(float(line[1]), slope, sigma, line_variance, False)
+            return cls(float(values.mean()), 0.0, where, max(sigma, abs(slope)), line_variance, False)
+        return cls(float(line[1]), slope, where, sigma, line_variance, False)
+
+    def uncertain(self, others: Sequence[_Local]) -> tuple[float, float]:
+        """(rad, rad/s): its sigmas with what others say otherwise; both are what there is at a bend of few samples."""
+        away = max((abs(other.position - self.position) for other in others), default=0.0)
+        faster = max((abs(other.velocity - self.velocity) for other in others), default=0.0)
+        return float(np.hypot(self.position_sigma, away)), float(np.hypot(self.velocity_sigma, faster))
 
 
 def _curve(time_s: np.ndarray, values: np.ndarray, degree: int) -> tuple[np.ndarray, float, float]:
@@ -251,7 +267,7 @@ def stretch(recording: Aligned, begin_s: float, seconds: float) -> Aligned | Non
         onset_s=recording.onset_s - origin,
         start_position=position,
         start_velocity=_slopes(recording, origin),
-        start_velocity_sigma=None,
+        start_sigma=None,
         reaction=None if recording.reaction is None else recording.reaction.shifted(origin),
     )
 

@@ -34,8 +34,8 @@ class Aligned:
     cannot be told from it. `start_position` (j,) rad and `start_velocity` (j,) rad/s are measured at time 0.
     `unhidden` (n, j) rad is all that was measured, where something is hidden: states that roll-outs may start from.
     `reaction` is what joints that a sub-model leaves out do to it. `turns` is the motion before time 0, where that is
-    known. `start_velocity_sigma` (j,) rad/s is how well the start velocity is known, `start_response` (s, n, j) rad
-    what so much of each of s joints does to the readings, where that is more than nothing.
+    known. `start_sigma` (2, j) rad and rad/s is how well the start is known, `start_response` (s, n, j) rad what so
+    much of s positions and velocities does to the readings, where that is more than nothing.
     """
 
     recording: Recording
@@ -50,7 +50,7 @@ class Aligned:
     unhidden: np.ndarray | None = None
     reaction: Reaction | None = None
     turns: Turns | None = None
-    start_velocity_sigma: np.ndarray | None = None
+    start_sigma: np.ndarray | None = None
     start_response: np.ndarray | None = None
 
     @property
@@ -116,23 +116,24 @@ def _travel(values: np.ndarray) -> float:
     return float(high - low)
 
 
-def _start(time_s: np.ndarray, values: np.ndarray) -> tuple[float, float, float]:
-    """(position, velocity, its sigma) at time 0 from a joint's samples; at rest unless the first ones clearly move."""
+def _start(time_s: np.ndarray, values: np.ndarray) -> tuple[float, float, float, float]:
+    """(position, velocity, their sigmas) at time 0 from a joint's samples; at rest unless the first clearly move."""
     begin = slice(int(np.searchsorted(time_s, _SETTLE_S, side="right")))
     early = np.isfinite(values[begin])
     known = early if early.any() else np.isfinite(values)
     if not known.any():
-        return np.nan, 0.0, 0.0
+        return np.nan, 0.0, 0.0, 0.0
     first = float(values[known.argmax()])
     time_s, values = time_s[begin], values[begin]
     if early.sum() < 4:
-        return first, 0.0, 0.0
+        return first, 0.0, 0.0, 0.0
     slope, offset = np.polyfit(time_s[early], values[early], 1)
     scatter = float(np.std(values[early] - slope * time_s[early] - offset))
+    where = scatter / float(np.sqrt(early.sum()))
     sigma = scatter / float(np.sqrt(((time_s[early] - time_s[early].mean()) ** 2).sum()))
     if abs(slope) * _SETTLE_S > 6.0 * max(scatter, 2e-3):
-        return float(offset), float(slope), sigma
-    return float(np.mean(values[early])), 0.0, max(sigma, abs(float(slope)))
+        return float(offset), float(slope), where, sigma
+    return float(np.mean(values[early])), 0.0, where, max(sigma, abs(float(slope)))
 
 
 def align(twin: TwinModel, recording: Recording, trajectory: Trajectory | None = None) -> Aligned:
@@ -156,12 +157,12 @@ def align(twin: TwinModel, recording: Recording, trajectory: Trajectory | None =
             measured[:, twin.joints.index(name)] = recording.position[:, recording.joints.index(name)]
     time_s = (recording.stamp_ns - recording.stamp_ns[0]) * 1e-9
     starts = [_start(time_s, column) for column in measured.T]
-    position, velocity, sigma = np.array(starts).T
+    (position, velocity), sigma = np.array(starts).T[:2], np.array(starts).T[2:]
     if trajectory is None and recording.commands is not None:
         signal = CommandSignal.from_stream(recording.commands, int(recording.stamp_ns[0]))
         _require_drive(twin, signal, recording)
         return Aligned(
-            recording, twin.joints, time_s, measured, signal, 0.0, False, position, velocity, start_velocity_sigma=sigma
+            recording, twin.joints, time_s, measured, signal, 0.0, False, position, velocity, start_sigma=sigma
         )
     if trajectory is None:
         raise BadInput(
@@ -171,9 +172,7 @@ def align(twin: TwinModel, recording: Recording, trajectory: Trajectory | None =
         )
     signal = CommandSignal.from_trajectory(trajectory)
     _require_drive(twin, signal, recording)
-    found = Aligned(
-        recording, twin.joints, time_s, measured, signal, 0.0, True, position, velocity, start_velocity_sigma=sigma
-    )
+    found = Aligned(recording, twin.joints, time_s, measured, signal, 0.0, True, position, velocity, start_sigma=sigma)
     return found.with_onset(command_onset(twin, found))
 
 
