@@ -14,6 +14,7 @@ from twin_daemon.diagnosis.in_turn import by_motion, fitted_too
 from twin_daemon.diagnosis.thresholds import (
     CLOSER_LOOK,
     COARSER_STEPS,
+    DECISIVE_NATS,
     DEVIATING_SIGMA,
     FORBIDDEN_SIGMA,
     GONE_FAR,
@@ -67,9 +68,9 @@ class PartFit:
         values = [value for fit in found for value in fit.uncertain_values()]
         self.variables = (*nuisance_variables(twin, recordings, joints), *values)
         if after is not None:
-            self._measured_by(after.problem.floor, after.problem.corrections)
+            self._measured_by(after.problem.floor, after.problem.corrections, after.problem.step_share)
         elif begun is not None and not begun.plainly_sound:
-            self._measured_by(begun.floor, begun.corrections)
+            self._measured_by(begun.floor, begun.corrections, begun.problem.step_share)
         elif nominal:
             self._measured_by(tolerated(twin, floor_variance(recordings, joints)), [])
         else:
@@ -85,11 +86,17 @@ class PartFit:
 
     # -- nuisances -----------------------------------------------------------------------------------------
 
-    def _measured_by(self, floor: np.ndarray, corrections: Sequence[np.ndarray]) -> None:
+    def _measured_by(self, floor: np.ndarray, corrections: Sequence[np.ndarray], step_share: float = 1.0) -> None:
         """The problem of the nuisances with a floor (k,) rad^2 and the time step's error (n, k) rad a recording."""
         self.floor, self.corrections = floor, corrections
         self.problem = Posterior(
-            self.twin, self.recordings, self.variables, self.joints, floor, corrections=corrections
+            self.twin,
+            self.recordings,
+            self.variables,
+            self.joints,
+            floor,
+            corrections=corrections,
+            step_share=step_share,
         )
 
     def _rows_at_start(self) -> np.ndarray:
@@ -110,12 +117,34 @@ class PartFit:
                 self.corrections = problem.step_errors(found.point)
                 self.problem = problem = problem.corrected(self.corrections)
                 found = self._settled(found.point, None)
-            return as_fit(None, problem, self._no_further_than_needed(found))
+            if not self._is_within_floor(found.point, found.rows):
+                found = self._at_its_step(found)
+            return as_fit(None, self.problem, self._no_further_than_needed(found))
         found = self._settled(problem.start_from(after.nuisances), self._taken_over(after))
         if not self._is_within_floor(found.point, found.rows):
             again = self._settled(problem.start, None)
             found = min(found, again, key=lambda one: float(one.rows @ one.rows))
         return as_fit(None, problem, found)
+
+    def _at_its_step(self, found: Descent) -> Descent:
+        """The nuisances with that share of the time step's error which the recordings have, where that is not all.
+
+        A simulated recording has a step of its own. Taken for a robot, which has none, it asks for an inertia that
+        makes up for the difference. The share is linear in the readings, so that one step of least squares tells it.
+        """
+        problem = self.problem
+        without = problem.with_step_share(0.0)
+        other = without.residuals(found.point[None])[0]
+        ways = np.column_stack([found.slopes, other - found.rows])
+        less = float(np.clip(np.linalg.lstsq(ways, -found.rows, rcond=None)[0][-1], 0.0, 1.0))
+        shared = problem.with_step_share(1.0 - less)
+        self.problem = shared.corrected(shared.step_errors(found.point))
+        again = self._settled(found.point, None)
+        if found.rows @ found.rows - again.rows @ again.rows < 2.0 * DECISIVE_NATS:
+            self.problem = problem
+            return found
+        self.corrections = self.problem.corrections
+        return again
 
     def _no_further_than_needed(self, found: Descent) -> Descent:
         """The same fit within a nat with no nuisance further off than one may be, where they are hardly further.
@@ -272,6 +301,7 @@ class PartFit:
             self.floor,
             offset_held=sorted(offsets),
             corrections=self.corrections,
+            step_share=self.problem.step_share,
         )
 
     def full_fit(self, first: FirstFit, evaluations: int) -> Fit:
@@ -364,9 +394,13 @@ class PartFit:
         kept, moved = carried_over(every, fit.point, recordings)
         variables, point = tuple(every[i] for i in kept), fit.point[kept]
         if adjusted and kept:
-            problem = Posterior(fit.problem.twin, moved, variables, self.joints, self.floor)
+            problem = Posterior(
+                fit.problem.twin, moved, variables, self.joints, self.floor, step_share=fit.problem.step_share
+            )
             point = _adjusted(problem, point, conditional_information(fit.slopes, kept) / max(1.0, fit.chi_square))
-        problem = Posterior(fit.problem.twin, moved, variables, self.joints, self.floor)
+        problem = Posterior(
+            fit.problem.twin, moved, variables, self.joints, self.floor, step_share=fit.problem.step_share
+        )
         if not (self.plainly_sound and (problem.times_floor(point) <= CLOSER_LOOK).all()):
             problem = problem.corrected(problem.step_errors(point))
         return [rows[0] for rows in problem.joint_residuals(point[None])]

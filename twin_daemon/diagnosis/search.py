@@ -21,7 +21,7 @@ from twin_daemon.diagnosis.thresholds import CLOSER_LOOK, DEVIATING_SIGMA, MOST_
 from twin_daemon.diagnosis.validation import Validation
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding
 from twin_daemon.effects import LIBRARY
-from twin_daemon.estimation.nuisances import NOMINAL_KINDS
+from twin_daemon.estimation.nuisances import NOMINAL_KINDS, factors
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.executor import OutOfTime, TimeLimit, concurrently
 from twin_daemon.places import ROBOT
@@ -69,9 +69,11 @@ def diagnose(
         shared = _of_all(twin, reduction, begun, limit, seed, say)
         looked_at = [] if shared else concurrently(_looked_at, begun)
         above = _above(looked_at, outcomes, seed, say)
-        if above and twin.hand.description.nominal_uncertainty.mass > 0.0:
-            # once more with what costs most: that links may be heavier than their model
-            reduction = reduction.with_link_masses(twin)
+        heavier = twin.hand.description.nominal_uncertainty.mass > 0.0
+        if above and (heavier or reduction.carries):
+            # once more, the others moving as they were fitted, and with what costs most: that links may be heavier
+            reduction = reduction.following(_as_fitted(twin, looked_at))
+            reduction = reduction.with_link_masses(twin) if heavier else reduction
             again = [reduction.together(twin, [reduced]) for reduced, _ in above]
             above = _above(concurrently(look, [r for r in again if r is not None]), outcomes, seed, say)
         else:
@@ -94,7 +96,9 @@ def diagnose(
                 break
             # beside what all have some may have something of their own, which several feel
             twin = twin.changed(shared.terms)
-            reduction = reduction.following(twin)
+            reduction = reduction.following(_as_fitted(twin, [*shared.looked_at, *above]))
+            again = [reduction.together(twin, [reduced]) for reduced, _ in above]
+            above = _above(concurrently(look, [r for r in again if r is not None]), outcomes, seed, say)
             groups = [_with_everywhere(group, finding) for group in groups]
             shared = _shared(twin, reduction, above, len(begun), limit, seed, say) if len(above) > 1 else None
         hunt = _Hunt(twin, reduction, seed, say, most_effects, limit, outcomes, touching)
@@ -117,6 +121,21 @@ def diagnose(
 def _looked_at(begun: tuple[Reduced, PartFit]) -> tuple[Reduced, PartFit]:
     """A group with what is uncertain about it fitted, unless it is at the floor of its sensors as it is."""
     return begun if begun[1].plainly_sound else look(*begun)
+
+
+def _as_fitted(twin: TwinModel, looked_at: Sequence[tuple[Reduced, PartFit]]) -> TwinModel:
+    """The twin with what the groups' nuisances have come to: it moves more like the robot, whatever they stand for.
+
+    Accelerations of the measured motion are for the most part those of a prediction. One with half of a joint's
+    inertia puts a load on that joint itself that nothing explains.
+    """
+    found: dict[str, float] = {}
+    for _, part in looked_at:
+        fitted = zip(part.base.problem.variables, part.base.point, strict=True)
+        known = {v.name: v.value(float(unit)) for v, unit in fitted}
+        found.update(factors(part.base.problem.variables, known))
+    values = {name: factor * twin.parameter(name).read(twin.model) for name, factor in found.items()}
+    return twin.changed(twin.terms.with_parameters(values))
 
 
 def _above(

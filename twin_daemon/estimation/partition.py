@@ -134,6 +134,11 @@ class Reduction:
         other._paths, other._loads = [LinkPaths.along(twin, motion) for motion in other._motions or ()], {}
         return other
 
+    @property
+    def carries(self) -> bool:
+        """Whether any part that was cut feels joints outside it that move."""
+        return self._motions is not None
+
     def _with_links(
         self, twin: TwinModel, cuts: Sequence[Aligned], joints: Sequence[str], small: TwinModel
     ) -> list[Aligned]:
