@@ -11,9 +11,11 @@ import numpy as np
 from twin_daemon.diagnosis.candidates import Hypothesis
 from twin_daemon.diagnosis.in_turn import without_each
 from twin_daemon.diagnosis.thresholds import (
+    DECISIVE_NATS,
     DEVIATING_SIGMA,
     FOUND_LEAST_SHARE,
     FOUND_SHARE,
+    NEXT_TO_NOTHING,
     SPOKEN_SIGMA,
     TORQUE_FLOOR,
     VALUE_FLOOR,
@@ -152,14 +154,31 @@ def value_interval(fit: Fit, index: int, variable: EffectVariable, sigma: float)
 
 
 def stands_out(fit: Fit) -> bool:
-    """Whether an effect does anything, and if the model has it already, whether its 95 % interval leaves that out."""
+    """Whether an effect does anything, and if the model has it already, whether its 95 % interval leaves that out.
+
+    A thousandth of a delay may fit as well as all of it: what is gained is then the form's in which it is computed.
+    """
     if fit.hypothesis is None:
         return True
     effect, neutral = fit.hypothesis.effect, fit.hypothesis.effect.neutral()
     values = fit.values
     if all(values[name] == neutral[name] for name in effect.presence):
         return False  # what is gained beside it is its nuisances' own
-    return not fit.hypothesis.speaks_for(fit.problem.twin) or _leave_neutral(fit, effect.presence)
+    if _leave_neutral(fit, effect.presence):
+        return True
+    return not fit.hypothesis.speaks_for(fit.problem.twin) and not _does_as_well_without(fit)
+
+
+def _does_as_well_without(fit: Fit) -> bool:
+    """Whether a thousandth of what makes the effect present fits as well, everything else as it is."""
+    assert fit.hypothesis is not None
+    neutral, point = fit.hypothesis.effect.neutral(), fit.point.copy()
+    for index, variable in fit.own_variables:
+        if variable.parameter in fit.hypothesis.effect.presence:
+            nothing = variable.coordinate(neutral[variable.parameter])
+            point[index] = nothing + NEXT_TO_NOTHING * (point[index] - nothing)
+    rows = fit.problem.residuals(point[None])[0]
+    return float(rows @ rows) - fit.cost < 2.0 * DECISIVE_NATS
 
 
 def is_idle(fit: Fit) -> bool:

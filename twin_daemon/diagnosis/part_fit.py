@@ -15,6 +15,7 @@ from twin_daemon.diagnosis.thresholds import (
     CLOSER_LOOK,
     COARSER_STEPS,
     DECISIVE_NATS,
+    DELAY_ROUNDS,
     DEVIATING_SIGMA,
     FORBIDDEN_SIGMA,
     GONE_FAR,
@@ -34,7 +35,7 @@ from twin_daemon.estimation.posterior import Posterior, floor_and_corrections, t
 from twin_daemon.estimation.solvers.trust_region import Derivative, Descent, descend, differenced, searched
 from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
 from twin_daemon.estimation.uncertainty import conditional_information
-from twin_daemon.estimation.variables import EffectVariable
+from twin_daemon.estimation.variables import EffectVariable, OnsetVariable
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
 
@@ -68,9 +69,9 @@ class PartFit:
         values = [value for fit in found for value in fit.uncertain_values()]
         self.variables = (*nuisance_variables(twin, recordings, joints), *values)
         if after is not None:
-            self._measured_by(after.problem.floor, after.problem.corrections, after.problem.step_share)
+            self._measured_by(after.problem.floor, after.problem.corrections)
         elif begun is not None and not begun.plainly_sound:
-            self._measured_by(begun.floor, begun.corrections, begun.problem.step_share)
+            self._measured_by(begun.floor, begun.corrections)
         elif nominal:
             self._measured_by(tolerated(twin, floor_variance(recordings, joints)), [])
         else:
@@ -86,7 +87,7 @@ class PartFit:
 
     # -- nuisances -----------------------------------------------------------------------------------------
 
-    def _measured_by(self, floor: np.ndarray, corrections: Sequence[np.ndarray], step_share: float = 1.0) -> None:
+    def _measured_by(self, floor: np.ndarray, corrections: Sequence[np.ndarray]) -> None:
         """The problem of the nuisances with a floor (k,) rad^2 and the time step's error (n, k) rad a recording."""
         self.floor, self.corrections = floor, corrections
         self.problem = Posterior(
@@ -96,7 +97,6 @@ class PartFit:
             self.joints,
             floor,
             corrections=corrections,
-            step_share=step_share,
         )
 
     def _rows_at_start(self) -> np.ndarray:
@@ -118,33 +118,40 @@ class PartFit:
                 self.problem = problem = problem.corrected(self.corrections)
                 found = self._settled(found.point, None)
             if not self._is_within_floor(found.point, found.rows):
-                found = self._at_its_step(found)
-            return as_fit(None, self.problem, self._no_further_than_needed(found))
+                found = self._along_delays(found)
+            return as_fit(None, problem, self._no_further_than_needed(found))
         found = self._settled(problem.start_from(after.nuisances), self._taken_over(after))
         if not self._is_within_floor(found.point, found.rows):
             again = self._settled(problem.start, None)
             found = min(found, again, key=lambda one: float(one.rows @ one.rows))
         return as_fit(None, problem, found)
 
-    def _at_its_step(self, found: Descent) -> Descent:
-        """The nuisances with that share of the time step's error which the recordings have, where that is not all.
+    def _along_delays(self, found: Descent) -> Descent:
+        """The nuisances descended from other delays as well, with what makes up for these gone along.
 
-        A simulated recording has a step of its own. Taken for a robot, which has none, it asks for an inertia that
-        makes up for the difference. The share is linear in the readings, so that one step of least squares tells it.
+        A later command looks like more inertia. Along that valley sticking and slipping joints have many small hollows,
+        two steps apart: a descent ends in the next.
         """
         problem = self.problem
-        without = problem.with_step_share(0.0)
-        other = without.residuals(found.point[None])[0]
-        ways = np.column_stack([found.slopes, other - found.rows])
-        less = float(np.clip(np.linalg.lstsq(ways, -found.rows, rcond=None)[0][-1], 0.0, 1.0))
-        shared = problem.with_step_share(1.0 - less)
-        self.problem = shared.corrected(shared.step_errors(found.point))
-        again = self._settled(found.point, None)
-        if found.rows @ found.rows - again.rows @ again.rows < 2.0 * DECISIVE_NATS:
-            self.problem = problem
+        onsets = [i for i, v in enumerate(problem.variables) if isinstance(v, OnsetVariable) and v.prior is not None]
+        others = [i for i in range(len(found.point)) if i not in onsets]
+        if not onsets or not others:
             return found
-        self.corrections = self.problem.corrections
-        return again
+        sigma = np.array([v.prior.sigma / (v.high - v.low) for v in problem.variables if v.prior is not None])[onsets]
+        for _ in range(DELAY_ROUNDS):
+            points = []
+            for share in (way * size for size in (0.125, 0.25, 0.375, 0.5, 0.75, 1.0) for way in (-1.0, 1.0)):
+                point = found.point.copy()
+                point[onsets] += share * sigma
+                rows = found.rows + found.slopes[:, onsets] @ (share * sigma)
+                point[others] -= np.linalg.lstsq(found.slopes[:, others], rows, rcond=None)[0]
+                points.append(np.clip(point, 0.0, 1.0))
+            costs = (problem.residuals(np.array(points)) ** 2).sum(axis=1)
+            other = self._settled(points[int(np.argmin(costs))], None)
+            if other.rows @ other.rows > found.rows @ found.rows - 2.0 * DECISIVE_NATS:
+                break
+            found = other
+        return found
 
     def _no_further_than_needed(self, found: Descent) -> Descent:
         """The same fit within a nat with no nuisance further off than one may be, where they are hardly further.
@@ -301,7 +308,6 @@ class PartFit:
             self.floor,
             offset_held=sorted(offsets),
             corrections=self.corrections,
-            step_share=self.problem.step_share,
         )
 
     def full_fit(self, first: FirstFit, evaluations: int) -> Fit:
@@ -394,13 +400,9 @@ class PartFit:
         kept, moved = carried_over(every, fit.point, recordings)
         variables, point = tuple(every[i] for i in kept), fit.point[kept]
         if adjusted and kept:
-            problem = Posterior(
-                fit.problem.twin, moved, variables, self.joints, self.floor, step_share=fit.problem.step_share
-            )
+            problem = Posterior(fit.problem.twin, moved, variables, self.joints, self.floor)
             point = _adjusted(problem, point, conditional_information(fit.slopes, kept) / max(1.0, fit.chi_square))
-        problem = Posterior(
-            fit.problem.twin, moved, variables, self.joints, self.floor, step_share=fit.problem.step_share
-        )
+        problem = Posterior(fit.problem.twin, moved, variables, self.joints, self.floor)
         if not (self.plainly_sound and (problem.times_floor(point) <= CLOSER_LOOK).all()):
             problem = problem.corrected(problem.step_errors(point))
         return [rows[0] for rows in problem.joint_residuals(point[None])]

@@ -84,6 +84,8 @@ HARDLY_FURTHER = Threshold(
 )
 SPOKEN_SIGMA = Threshold(2.0, "sigma", "of a nominal parameter, and outside its interval: said with its value")
 FORBIDDEN_SIGMA = Threshold(6.0, "sigma", "of a nuisance: no hand that is called the same; something is missing")
+DELAY_ROUNDS = Count(3, "rounds", "of looking for the nuisances at other delays: as long as each finds better ones")
+NEXT_TO_NOTHING = Threshold(1e-3, "1", "of an effect beside all of it, by which is seen whether it does anything")
 DECISIVE_NATS = Threshold(5.0, "nats", "between two candidates below which data do not choose (odds of 150 to 1)")
 ALIKE = Threshold(0.1, "1", "of half the best cost: laws this close are not told apart by their form")
 REFINEMENT = Threshold(0.03, "1", "of the first error: what a second effect at the same place has to take away, or")

@@ -44,12 +44,10 @@ class Posterior(Problem):
         *,
         offset_held: Collection[str] = (),
         corrections: Sequence[np.ndarray] | None = None,
-        step_share: float = 1.0,
         threads: int | None = 1,
     ) -> None:
         super().__init__(twin, recordings, variables, objective, threads=threads)
         self.corrections: Sequence[np.ndarray] = list(corrections or ())
-        self.step_share = step_share
         self._boxes = np.array([v.low for v in variables]), np.array([v.high - v.low for v in variables])
         believed = [v for v in variables if v.prior is not None]
         self._priors = np.array([[_counts(v, other) for other in variables] for v in believed], float)
@@ -154,18 +152,8 @@ class Posterior(Problem):
             self.floor,
             offset_held=self._offset_held,
             corrections=corrections,
-            step_share=self.step_share,
             threads=self.threads,
         )
-
-    def with_step_share(self, share: float) -> Posterior:
-        """The same problem of recordings that are so much of the time step's error away from the model's own step.
-
-        1 is a robot, which has no time step; 0 a simulation at the model's own.
-        """
-        other = self.corrected([])
-        other.step_share = share
-        return other
 
     def prior_residuals(self, points: np.ndarray) -> np.ndarray:
         """(B, q) how many sigma each parameter is from its prior; factors on one parameter count together."""
@@ -191,7 +179,6 @@ class Posterior(Problem):
         own = self.predict(point[None])
         at_quarter = self.at_finer_step(FINER_STEPS, point)
         whole = 1.0 + 1.0 / (FINER_STEPS - 1.0)
-        whole *= self.step_share
         return [whole * (fine - coarse[0]) for fine, coarse in zip(at_quarter, own, strict=True)]
 
     def at_finer_step(self, steps: float, point: np.ndarray) -> list[np.ndarray]:
