@@ -12,6 +12,7 @@ from twin_daemon.diagnosis.candidates import Hypothesis
 from twin_daemon.diagnosis.fit import FirstFit, Fit, as_fit, moved_parameters, own_columns
 from twin_daemon.diagnosis.in_turn import by_motion, fitted_too
 from twin_daemon.diagnosis.thresholds import (
+    ADEQUATE_FLOORS,
     CLOSER_LOOK,
     COARSER_STEPS,
     DECISIVE_NATS,
@@ -130,9 +131,12 @@ class PartFit:
         """The nuisances descended from other delays as well, with what makes up for these gone along.
 
         A later command looks like more inertia. Along that valley sticking and slipping joints have many small hollows,
-        two steps apart: a descent ends in the next.
+        two steps apart: a descent ends in the next. Where far more than a floor is left something else is missing, and
+        a delay that stands in for that is no better known.
         """
         problem = self.problem
+        if (problem.times_floor(found.point) > ADEQUATE_FLOORS).any():
+            return found
         onsets = [i for i, v in enumerate(problem.variables) if isinstance(v, OnsetVariable) and v.prior is not None]
         others = [i for i in range(len(found.point)) if i not in onsets]
         if not onsets or not others:
