@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from dataclasses import dataclass
 
@@ -17,12 +18,17 @@ from twin_daemon.recordings.recording import Commands
 from twin_daemon.services.pace import Pace
 from twin_daemon.services.stop import Stoppable
 
-_LISTENER_WAIT_S = 5.0
+_LISTENER_WAIT_S = 30.0
+"""A daemon that begins has its gate on the network before itself; on a busy machine its model takes long to load."""
+_SAY_WAITING_S = 1.0
 _GAP_BETWEEN_NS = 1_000_000_000
 AHEAD_S = 0.1
 """How long before its moment a command is sent, in wall time."""
 MOST_AHEAD_S = 0.3
 """The same by its stamp: farther ahead the twin would take it for one of another clock."""
+
+
+log = logging.getLogger("twin.play")
 
 
 @dataclass
@@ -98,11 +104,13 @@ def play(
             return played
     states = Speaker(connection.session.declare_publisher(description.key("joint_states")))
     commands = Speaker(connection.session.declare_publisher(description.key("joint_commands")))
-    deadline_s = time.monotonic() + _LISTENER_WAIT_S
     # who hears one stream and not yet the other would get commands after the states that they lead to
     needed = [states, *([commands] if any(t.is_command.any() for t in timelines) else [])]
-    while not all(one.is_heard for one in needed) and time.monotonic() < deadline_s and not stop.wait(0.02):
-        pass
+    if not _heard(needed, _SAY_WAITING_S, stop):
+        log.info(
+            "waiting for somebody who listens to %s, %g s at most", description.key("joint_states"), _LISTENER_WAIT_S
+        )
+        _heard(needed, _LISTENER_WAIT_S - _SAY_WAITING_S, stop)
     played.listened = states.is_heard
     pace, begun_s = Pace(stop), time.monotonic()
     next_ns, elapsed_s, round_number = time.time_ns(), 0.0, 0
@@ -127,3 +135,11 @@ def play(
     played.duration_s = time.monotonic() - begun_s
     played.stalls = pace.stalls
     return played
+
+
+def _heard(speakers: list[Speaker], timeout_s: float, stop: Stoppable) -> bool:
+    deadline_s = time.monotonic() + timeout_s
+    while not all(one.is_heard for one in speakers):
+        if time.monotonic() >= deadline_s or stop.wait(0.02):
+            return False
+    return True
