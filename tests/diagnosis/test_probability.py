@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin_daemon.diagnosis.probability import NOTHING, UNKNOWN, combined, posterior, unknown
-from twin_daemon.diagnosis.thresholds import DECISIVE_NATS, LEAST_PROBABILITY, SURE, UNKNOWN_PRIOR_ABOVE
+from twin_daemon.diagnosis.probability import NOTHING, UNKNOWN, WEAK, Left, combined, posterior
+from twin_daemon.diagnosis.thresholds import DECISIVE_NATS, LEAST_PROBABILITY, SURE, TOO_WEAK, UNKNOWN_PRIOR_ABOVE
 
 NATS = st.dictionaries(st.sampled_from(["backlash:a", "spring:a", "payload:b"]), st.floats(-1e6, 1e6), min_size=1)
 
@@ -44,11 +44,28 @@ def test_the_number_of_candidates_is_paid_for() -> None:
 
 
 def test_a_law_of_no_library_is_as_probable_as_what_is_left_says() -> None:
-    assert unknown(0.5, above=True) < 0.01
-    assert unknown(1.0, above=True) == pytest.approx(UNKNOWN_PRIOR_ABOVE)
-    assert unknown(1.5, above=True) > 0.9
-    assert unknown(0.5, above=True, sigma=12.0, most_sigma=6.0) > 0.9
-    assert unknown(1e30, above=False) == 1.0
+    found = [Left(adequacy, above=True, named=True).unknown() for adequacy in (0.1, 1.0, 1.5, 2.0, 5.0)]
+    assert found == sorted(found)
+    assert found[0] < 0.02
+    assert found[1] == pytest.approx(UNKNOWN_PRIOR_ABOVE)
+    assert found[-1] > 0.9
+    assert Left(1e30, above=False, named=False).unknown() == pytest.approx(1.0)
+
+
+def test_where_nothing_could_be_named_a_law_of_no_library_is_more_probable() -> None:
+    assert Left(1.5, above=True, named=False).unknown() > Left(1.5, above=True, named=True).unknown()
+    assert Left(1.1, above=True, named=False).unknown() > 0.5
+
+
+def test_many_causes_are_less_probable_than_one_law_that_looks_like_all_of_them() -> None:
+    found = [1.0 - Left(0.2, above=True, named=True).unknown(causes) for causes in (1, 2, 3)]
+    assert found == sorted(found, reverse=True)
+    assert found[1] > SURE > found[2]
+
+
+def test_nothing_is_missing_leaves_room_for_what_is_too_weak() -> None:
+    found = {one.effects: one.probability for one in combined([], [0.0])}
+    assert found == {(NOTHING,): pytest.approx(1.0 - TOO_WEAK), (WEAK,): pytest.approx(TOO_WEAK)}
 
 
 def test_two_places_and_a_doubt_are_multiplied() -> None:
@@ -63,4 +80,4 @@ def test_two_places_and_a_doubt_are_multiplied() -> None:
 def test_words_are_those_of_a_bet() -> None:
     found = combined([{"backlash:FFJ3": 0.97, "tendon_elasticity:FFJ3": 0.03}], [0.0])
     assert list(map(str, found)) == ["backlash at FFJ3: 97 in 100", "tendon_elasticity at FFJ3: 3 in 100"]
-    assert str(combined([], [0.001])[0]) == "nothing is missing: more than 99 in 100"
+    assert str(combined([], [0.001])[0]) == f"nothing is missing: {100 * (1 - TOO_WEAK):.0f} in 100"

@@ -8,6 +8,7 @@ import pytest
 
 from tests.effects.conftest import Bench, loaded_finger, move
 from twin_daemon.effects import LIBRARY
+from twin_daemon.effects.base import Seen
 from twin_daemon.errors import BadInput
 from twin_daemon.simulation.rollout import roll_out
 from twin_daemon.simulation.terms import EffectTerm, Terms
@@ -265,7 +266,7 @@ def test_a_ripples_waves_are_read_off_the_error_over_the_angle(smooth: TwinModel
     angle = 0.7 + 0.6 * np.sin(np.linspace(0.0, 9.0, 2000))
     noise = np.random.default_rng(0).normal(0.0, 5e-4, angle.size)
     wave = 0.002 * np.sin(periods * angle + 1.0)
-    best = LIBRARY["torque_ripple"].suggested(scale, angle, 0.004 + noise + wave)[0]
+    best = LIBRARY["torque_ripple"].suggested(scale, Seen(angle, np.zeros_like(angle), 0.004 + noise + wave))[0]
     assert best["amplitude"] == pytest.approx(0.002 * scale.kp, rel=0.15)
     found = best["amplitude"] / scale.kp * np.sin(best["periods"] * angle + best["phase"])
     assert found == pytest.approx(wave, abs=1.5e-3)
@@ -277,14 +278,15 @@ def test_a_stiff_stop_is_looked_for_where_the_joint_stands(smooth: TwinModel):
     stop, stiffness = 1.1, 8.0
     angle = np.where(free > stop, stop + (free - stop) / (1.0 + stiffness), free)
     elsewhere = -0.03 * (angle - 0.2)  # what uncertain values have taken on in its stead
-    found = LIBRARY["joint_stop"].suggested(scale, angle, angle - free + elsewhere)
+    found = LIBRARY["joint_stop"].suggested(scale, Seen(angle, np.zeros_like(angle), angle - free + elsewhere))
     near = [one for one in found if abs(scale.upper - one["upper"] - stop) < 0.1]
     assert any(0.3 < one["stiffness"] / (stiffness * scale.kp) < 3.0 for one in near)
 
 
 def test_a_joint_that_hardly_travels_suggests_no_waves(smooth: TwinModel):
     angle = np.linspace(0.5, 0.6, 200)
-    assert LIBRARY["torque_ripple"].suggested(smooth.scale("rh_FFJ3"), angle, np.sin(40.0 * angle)) == ()
+    seen = Seen(angle, np.zeros_like(angle), np.sin(40.0 * angle))
+    assert LIBRARY["torque_ripple"].suggested(smooth.scale("rh_FFJ3"), seen) == ()
 
 
 def test_gravity_turns_and_keeps_its_size(bench: Bench):

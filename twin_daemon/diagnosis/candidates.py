@@ -9,9 +9,10 @@ import numpy as np
 
 from twin_daemon.diagnosis.thresholds import COUNTED_NEARBY, LEAST_ALONG, TAKEN_AWAY, WIDER
 from twin_daemon.effects import LIBRARY
-from twin_daemon.effects.base import Effect, Parameter
+from twin_daemon.effects.base import Effect, Parameter, Seen
 from twin_daemon.estimation.variables import EffectVariable, effect_variable
 from twin_daemon.simulation.alignment import Aligned
+from twin_daemon.simulation.prescribed import response_time_s
 from twin_daemon.simulation.terms import EffectTerm
 from twin_daemon.simulation.twin import TwinModel
 
@@ -156,12 +157,24 @@ def informed(
         return hypothesis
     columns = [twin.joints.index(joint) for joint in concerned]
     own = [list(joints).index(joint) for joint in concerned]
-    angles, seen = [], []
+    within_s = max(response_time_s(twin, joint) for joint in concerned)
+    found = []
     for recording, gap in zip(recordings, gaps, strict=True):
         angle = recording.measured[:, columns].sum(axis=1)
         known = np.isfinite(angle)
-        angles.append(angle[known])
-        seen.append(gap[known][:, own].sum(axis=1))
-    effect = hypothesis.effect
-    starts = effect.suggested(twin.scale(hypothesis.target), np.concatenate(angles), np.concatenate(seen))
+        if known.sum() > 1:
+            speed = _speed(recording.time_s[known], angle[known], within_s)
+            found.append((angle[known], speed, gap[known][:, own].sum(axis=1)))
+    if not found:
+        return hypothesis
+    seen = Seen(*(np.concatenate(one) for one in zip(*found, strict=True)))
+    starts = hypothesis.effect.suggested(twin.scale(hypothesis.target), seen)
     return hypothesis.starting(starts) if starts else hypothesis
+
+
+def _speed(time_s: np.ndarray, angle: np.ndarray, within_s: float) -> np.ndarray:
+    """(n,) rad/s by differences over the time that the servo takes to follow: faster changes are noise."""
+    reach = max(1, round(0.5 * within_s / float(np.median(np.diff(time_s)))))
+    index = np.arange(len(time_s))
+    first, last = np.maximum(index - reach, 0), np.minimum(index + reach, len(time_s) - 1)
+    return (angle[last] - angle[first]) / np.maximum(time_s[last] - time_s[first], 1e-9)

@@ -10,7 +10,7 @@ from twin_daemon.diagnosis.candidates import Hypothesis
 from twin_daemon.diagnosis.far_off import beyond_any_hand
 from twin_daemon.diagnosis.fit import Fit, own_estimates
 from twin_daemon.diagnosis.part_fit import PartFit
-from twin_daemon.diagnosis.probability import combined, posterior, unknown
+from twin_daemon.diagnosis.probability import Left, combined, posterior
 from twin_daemon.diagnosis.thresholds import DECISIVE_NATS, FORBIDDEN_SIGMA, MOST_NAMED, SURE, WORST_SHOWN
 from twin_daemon.diagnosis.validation import HeldOut
 from twin_daemon.diagnosis.verdict import (
@@ -99,14 +99,14 @@ class Outcome:
         return self.left <= 1.0 and not beyond_any_hand(self.deviating)
 
     @property
-    def unknown(self) -> float:
-        """Probability that the part lacks what is no law of the library."""
+    def what_is_left(self) -> Left:
+        """What says how probable it is that the part lacks what is no law of the library."""
         left = self.left
         if not self.within_floor and not self.accepted:
             left = max(left, self.chi_square / FLOOR_CHI_SQUARE)
         sigma = max((abs(s) for s in self.deviating.values()), default=0.0)
         above = not self.within_floor and (self.chi_square > FLOOR_CHI_SQUARE or bool(self.deviating))
-        return unknown(left, above=above, sigma=sigma, most_sigma=FORBIDDEN_SIGMA)
+        return Left(max(left, sigma / FORBIDDEN_SIGMA), above or bool(self.accepted), bool(self.accepted))
 
 
 def nothing_moves(joints: Sequence[str] | None) -> Diagnosis:
@@ -125,14 +125,19 @@ def conclude(
     shared_posteriors: Sequence[Mapping[str, float]] = (),
 ) -> Diagnosis:
     """`shared` are findings of several groups together, each with a distribution over what may be in its place."""
-    findings = [*shared, *(_finding(item, o.unknown) for o in outcomes for item in o.accepted)]
+    causes = len(shared) + sum(len(o.accepted) for o in outcomes)
+    unknowns = [o.what_is_left.unknown(causes) for o in outcomes]
+    findings = [*shared]
+    for o, unknown in zip(outcomes, unknowns, strict=True):
+        findings += [_finding(item, unknown) for item in o.accepted]
     findings = _ranked(findings)
     # of what was not searched to the end nobody can say how probable a law is that is not in the library
     finished = not any(o.unfinished for o in outcomes)
-    probabilities = combined(_causes(outcomes, shared_posteriors), [o.unknown for o in outcomes]) if finished else ()
+    probabilities = combined(_causes(outcomes, shared_posteriors), unknowns) if finished else ()
     above = [o for o in outcomes if not o.within_floor]
     # of a part that only held-out motion puts above the floor a little more is no new law yet
-    unexplained = [o for o in above if o.left > 1.0 and o.unknown > 1.0 - SURE]
+    both = zip(outcomes, unknowns, strict=True)
+    unexplained = [o for o, unknown in both if not o.within_floor and o.left > 1.0 and unknown > 0.5]
     forced = [(o, *worst) for o in above for worst in beyond_any_hand(o.deviating)]
     unsettled = [o for o in above if o.left <= 1.0 and not o.accepted and o.chi_square > FLOOR_CHI_SQUARE]
     ambiguous = [f for f in findings if f.confusable_with or (f.probability or 0.0) < SURE]
@@ -162,9 +167,9 @@ def conclude(
     elif ambiguous:
         verdict = "ambiguous"
         first = ambiguous[0]
-        rivals = [" and ".join(one.effects) for one in probabilities if first.name not in one.effects]
-        others = ", ".join(first.confusable_with or rivals[:MOST_NAMED]) or "nothing"
-        reason = f"{first.effect} at {first.target} cannot be told from {others}"
+        rivals = [one.in_words for one in probabilities if first.name not in one.effects]
+        others = [name.replace(":", " at ") for name in first.confusable_with] or rivals[:MOST_NAMED]
+        reason = f"{first.effect} at {first.target} cannot be told from {', '.join(others) or 'chance'}"
     elif findings:
         verdict, reason = "explained", "; ".join(f"{f.effect} at {f.target}" for f in findings)
     elif unsettled:
@@ -182,9 +187,14 @@ def conclude(
         where=where_it_fails(twin, train),
         parts={
             o.name: PartSummary(
-                joints=o.joints, times_floor=o.chi_square, left_times_floor=o.left, within_floor=o.within_floor
+                joints=o.joints,
+                times_floor=o.chi_square,
+                left_times_floor=o.left,
+                adequacy=o.what_is_left.adequacy,
+                unknown=unknown,
+                within_floor=o.within_floor,
             )
-            for o in outcomes
+            for o, unknown in zip(outcomes, unknowns, strict=True)
         },
         moved_parameters=tuple(moved for o in outcomes for moved in o.moved),
         interrupted=interrupted,

@@ -3,25 +3,32 @@
 Three things are weighed. Between candidates for one place among the causes: their evidence, counted at the rate at
 which evidence is worth its name (nats over an assumed noise are more than one can bet on: model errors are correlated,
 and laws differ in form by as much). Against nothing: the price of having asked so many. Against a law that is not in
-the library: what is left on motion that was not fitted, beside what a right model leaves.
+the library: what is left on motion that was not fitted, beside what a right model leaves, and how many causes the
+answer needs. The numbers are set on robots drawn at random, whose answers are known (`python -m bench.set_thresholds`).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from itertools import product
 
 from twin_daemon.diagnosis.thresholds import (
     ADEQUACY_SLOPE,
+    ADEQUACY_SLOPE_WITHIN,
+    FURTHER_CAUSE_ODDS,
+    LEAST_ADEQUACY,
     LEAST_PROBABILITY,
     RIVAL_ODDS,
+    TOO_WEAK,
     UNKNOWN_PRIOR_ABOVE,
+    UNKNOWN_PRIOR_UNNAMED,
     UNKNOWN_PRIOR_WITHIN,
 )
 from twin_daemon.diagnosis.verdict import Probability
 
-NOTHING, UNKNOWN = "nothing", "unknown"
+NOTHING, UNKNOWN, WEAK = "nothing", "unknown", "too_weak"
 
 
 def posterior(evidence_nats: Mapping[str, float], decisive_nats: float) -> dict[str, float]:
@@ -39,16 +46,34 @@ def posterior(evidence_nats: Mapping[str, float], decisive_nats: float) -> dict[
     return {name: weight / total for name, weight in weights.items()}
 
 
-def unknown(adequacy: float, *, above: bool, sigma: float = 0.0, most_sigma: float = 1.0) -> float:
-    """Probability that none of the library's laws is what a part lacks.
+@dataclass(frozen=True)
+class Left:
+    """What is left of a part with what was found there: what says how probable it is that it lacks another law.
 
-    `adequacy` is what is left on held-out motion, in what a right model may leave; `sigma` how far off the furthest
-    nuisance has to be, of `most_sigma` that any plausible robot has. `above` says that the part is above the floor.
+    `adequacy` is what is left on held-out motion, in what a right model may leave, or how far off the furthest nuisance
+    has to be, in what any plausible robot has, whichever is more. `above` says that the part is above the floor, and
+    `named` that something was found there.
     """
-    prior = UNKNOWN_PRIOR_ABOVE if above else UNKNOWN_PRIOR_WITHIN
-    worst = min(max(adequacy, sigma / most_sigma), 1e3)
-    odds = prior / (1.0 - prior) * worst**ADEQUACY_SLOPE
-    return odds / (1.0 + odds)
+
+    adequacy: float
+    above: bool
+    named: bool
+
+    def unknown(self, causes: int = 1) -> float:
+        """Probability that none of the library's laws is what the part lacks.
+
+        `causes` is how many the whole answer has: the more it needs, the more probable is one law that is not among
+        the library's and looks like all of them.
+        """
+        if not self.above:
+            prior, slope = UNKNOWN_PRIOR_WITHIN, ADEQUACY_SLOPE_WITHIN
+        else:
+            prior, slope = UNKNOWN_PRIOR_ABOVE if self.named else UNKNOWN_PRIOR_UNNAMED, ADEQUACY_SLOPE
+        least = LEAST_ADEQUACY if self.above and self.named else 0.0
+        odds = prior / (1.0 - prior) * min(max(self.adequacy, least), 1e3) ** slope
+        if self.named:
+            odds *= FURTHER_CAUSE_ODDS ** (max(causes, 1) - 1)
+        return odds / (1.0 + odds)
 
 
 def combined(causes: Iterable[Mapping[str, float]], unknowns: Iterable[float]) -> tuple[Probability, ...]:
@@ -56,6 +81,7 @@ def combined(causes: Iterable[Mapping[str, float]], unknowns: Iterable[float]) -
 
     `causes` holds one distribution for each place among the causes, as `posterior` gives them; `unknowns` for each part
     how probable it is that none of the library's laws is at work there. Places and parts are taken as independent.
+    Where none of all that could be seen is missing, something may still be that is too weak for these data.
     """
     sets: dict[tuple[str, ...], float] = {(): math.prod(1.0 - share for share in unknowns)}
     beyond = 1.0 - sets[()]
@@ -66,6 +92,7 @@ def combined(causes: Iterable[Mapping[str, float]], unknowns: Iterable[float]) -
                 joined = names if name == NOTHING or name in names else (*names, name)
                 longer[joined] = longer.get(joined, 0.0) + share * more
         sets = longer
-    sets = {names or (NOTHING,): share for names, share in sets.items()} | {(UNKNOWN,): beyond}
+    nothing = sets.pop((), 0.0)
+    sets |= {(NOTHING,): (1.0 - TOO_WEAK) * nothing, (WEAK,): TOO_WEAK * nothing, (UNKNOWN,): beyond}
     found = [Probability(effects=names, probability=share) for names, share in sets.items()]
     return tuple(sorted((p for p in found if p.probability > LEAST_PROBABILITY), key=lambda p: -p.probability))

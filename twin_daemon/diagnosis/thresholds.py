@@ -103,9 +103,28 @@ LEAST_PROBABILITY = Threshold(0.01, "1", "of a set of causes that is listed")
 UNKNOWN_PRIOR_ABOVE = Threshold(
     0.12, "1", "prior of a law of no library where a part is above the floor: the suite's share of such laws"
 )
+UNKNOWN_PRIOR_UNNAMED = Threshold(0.5, "1", "the same where no effect passes validation either")
 UNKNOWN_PRIOR_WITHIN = Threshold(0.01, "1", "the same where a part is at the floor: all that the sensors show is right")
 ADEQUACY_SLOPE = Threshold(
-    12.0, "1", "power of what is left over what a right model may leave, as odds of such a law: 1.2 times gives 9 to 1"
+    3.0,
+    "1",
+    "power of what is left over what a right model may leave, as odds of such a law where one was found: set by "
+    "`python -m bench.set_thresholds`",
+)
+ADEQUACY_SLOPE_WITHIN = Threshold(12.0, "1", "the same where only held-out motion is above the floor")
+LEAST_ADEQUACY = Threshold(
+    0.4,
+    "1",
+    "of what a right model may leave: a law that leaves less is no more probable for it, wrong ones do as well",
+)
+FURTHER_CAUSE_ODDS = Threshold(
+    4.0, "1", "to one, against each further cause that an answer needs, beside one law of no library: two are a quarter"
+)
+TOO_WEAK = Threshold(
+    0.3,
+    "1",
+    "probability that a robot at its floor lacks what these data are too weak to show: of the suite's such answers the "
+    "share in which something weak was hidden",
 )
 
 # -- held-out validation -------------------------------------------------------------------------------------

@@ -155,6 +155,10 @@ class PartSummary(_Said):
     joints: tuple[str, ...]
     times_floor: Number
     left_times_floor: Number
+    adequacy: Number = float("nan")
+    """What is left in what a right model may leave, uncertain values that are too far off among it."""
+    unknown: Number = float("nan")
+    """Probability that it lacks what is no law of the library."""
     within_floor: bool = Field(validation_alias=AliasChoices("within_floor", "quiet"))
     """`quiet` in files of earlier versions."""
 
@@ -185,16 +189,25 @@ class MovedParameter(_Said):
 class Probability(_Said):
     """How probable a set of causes is: effects with their places, or "nothing", or "unknown" for none of the library.
 
-    Only what is above 1 % is listed, so that the sum may be a little less than 1.
+    Where nothing is missing that could be seen, "too_weak" is something that these data are too weak to show. Only what
+    is above 1 % is listed, so that the sum may be a little less than 1.
     """
 
     effects: tuple[str, ...]
     probability: Number
 
+    @property
+    def in_words(self) -> str:
+        """The causes without their probability."""
+        names = {
+            "nothing": "nothing is missing",
+            "unknown": "a law that is not in the library",
+            "too_weak": "something that these data are too weak to show",
+        }
+        return " and ".join(names.get(name, name.replace(":", " at ")) for name in self.effects)
+
     def __str__(self) -> str:
-        names = {"nothing": "nothing is missing", "unknown": "a law that is not in the library"}
-        said = " and ".join(names.get(name, name.replace(":", " at ")) for name in self.effects)
-        return f"{said}: {in_hundred(self.probability)}"
+        return f"{self.in_words}: {in_hundred(self.probability)}"
 
 
 def in_hundred(probability: float) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 
 import mujoco
 
-from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
+from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Seen, Story
 from twin_daemon.effects.edits import require_free_dynamics
 
 _FLOOR_S = 1e-5  # exp(-step / floor) is 0 for every usual step: the filter is then transparent
@@ -22,6 +22,7 @@ class ActuatorLag(Effect):
     rank = 100
     shared = "servos"
     excludes = ("rate_limit",)
+    reads_nominal_error = True
     parameters = (Parameter("tau", "s", 0.0, 2.0, 0.0, 0.03, "time constant of the filter on the command"),)
     story = Story(
         what="The command reaches the motor smoothed: it is followed with a time constant.",
@@ -38,6 +39,10 @@ class ActuatorLag(Effect):
         actuator.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
         actuator.dynprm[0] = max(values["tau"], _FLOOR_S)
         actuator.actearly = True
+
+    def suggested(self, scale: Scale, seen: Seen) -> tuple[dict[str, float], ...]:
+        """The time by which the whole motion is late: slow motion lags by the time constant."""
+        return tuple({"tau": share * seen.late_s} for share in (1.0, 0.5, 2.0)) if seen.late_s > 0.0 else ()
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
         return tuple({"tau": tau} for tau in (0.01, 0.05, 0.2))

@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
+from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Seen, Story
 from twin_daemon.effects.edits import servo_stiffness
 from twin_daemon.effects.transmission import MOTOR_SHARE, implicit_spring, motor_side
 
@@ -65,9 +65,9 @@ class Backlash(Effect):
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
         return tuple({"gap": gap, "motor_share": 0.2} for gap in (0.02, 0.06, 0.2))
 
-    def suggested(self, scale: Scale, angle: np.ndarray, gap: np.ndarray) -> tuple[dict[str, float], ...]:
+    def suggested(self, scale: Scale, seen: Seen) -> tuple[dict[str, float], ...]:
         """Gaps of the size of the error: at rest a joint lies up to half of its play to either side."""
-        low, high = np.percentile(gap, [10.0, 90.0])
+        low, high = np.percentile(seen.gap, [10.0, 90.0])
         size = float(high - low)
         if size <= 0.0:
             return ()

@@ -16,6 +16,7 @@ ActsOn = Literal["joint", "tendon", "actuator", "sensor", "hand"]
 StandsFor = Literal["damping", "frictionloss", "armature", "kp", "offset"]
 """What is uncertain about any nominal model: kinds of its parameters, and the constant offset of a joint's reading."""
 
+_STILL_SHARE = 0.05  # of the fastest speed: what is slower stands still
 _FAR = 1e3  # times the bounds on a small robot
 
 
@@ -128,6 +129,29 @@ class Scale:
     lower: float
     upper: float
     step_s: float
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a place measured, and what is wrong there without an effect: what a candidate's starts are read off.
+
+    `angle` (n,) rad, its `speed` (n,) rad/s, and the `gap` (n,) rad: measured minus predicted.
+    """
+
+    angle: np.ndarray
+    speed: np.ndarray
+    gap: np.ndarray
+
+    @property
+    def moving(self) -> np.ndarray:
+        """(m,) rad/s: the sizes of the speeds of all but the slowest samples, which are holds."""
+        sizes = np.abs(self.speed)
+        return sizes[sizes > _STILL_SHARE * float(sizes.max(initial=0.0))]
+
+    @property
+    def late_s(self) -> float:
+        """How much later than predicted the motion is, by least squares; negative if it is early."""
+        return -float(self.gap @ self.speed) / max(float(self.speed @ self.speed), 1e-30)
 
 
 @dataclass(frozen=True)
@@ -257,11 +281,8 @@ class Effect(ABC):
         Effects such as backlash or dry friction are not smooth at zero: a fit that starts there goes nowhere.
         """
 
-    def suggested(self, scale: Scale, angle: np.ndarray, gap: np.ndarray) -> tuple[dict[str, float], ...]:
-        """Starts that data suggest, instead of the usual ones; none where the effect has nothing to read off.
-
-        `angle` (n,) rad is what the effect's place measured, `gap` (n,) rad that minus what was predicted.
-        """
+    def suggested(self, scale: Scale, seen: Seen) -> tuple[dict[str, float], ...]:
+        """Starts that data suggest, instead of the usual ones; none where the effect has nothing to read off."""
         return ()
 
     def as_limit_of(self, values: Mapping[str, float]) -> dict[str, float]:

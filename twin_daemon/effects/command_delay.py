@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
+from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Seen, Story
 
 _LONGEST_S = 0.2
 
@@ -23,6 +23,7 @@ class CommandDelay(Effect):
     acts_on = "actuator"
     rank = 90
     shared = "servos"
+    reads_nominal_error = True
     parameters = (Parameter("delay", "s", 0.0, _LONGEST_S, 0.0, 0.02, "age of the command that the servo uses"),)
     story = Story(
         what="The servo uses a command that is some time old.",
@@ -38,6 +39,10 @@ class CommandDelay(Effect):
         actuator.nsample = int(np.ceil(_LONGEST_S / spec.option.timestep)) + 1
         actuator.interp = 1  # linear: the motion is continuous in the delay
         actuator.delay = values["delay"]
+
+    def suggested(self, scale: Scale, seen: Seen) -> tuple[dict[str, float], ...]:
+        """The time by which the whole motion is late."""
+        return tuple({"delay": share * seen.late_s} for share in (1.0, 0.5, 2.0)) if seen.late_s > 0.0 else ()
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
         return tuple({"delay": delay} for delay in (0.008, 0.03, 0.07, 0.15))

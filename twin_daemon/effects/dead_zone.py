@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story, silent_joint
+from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Seen, Story, silent_joint
 from twin_daemon.effects.edits import servo_damping, servo_stiffness
 from twin_daemon.effects.transmission import implicit_step, pulled_joints
 
@@ -86,8 +86,8 @@ class DeadZone(Effect):
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
         return tuple({"band": band} for band in (0.01, 0.03, 0.1))
 
-    def suggested(self, scale: Scale, angle: np.ndarray, gap: np.ndarray) -> tuple[dict[str, float], ...]:
+    def suggested(self, scale: Scale, seen: Seen) -> tuple[dict[str, float], ...]:
         """Bands of the size of the error: at rest a joint lies up to the band from its target to either side."""
-        low, high = np.percentile(gap, [10.0, 90.0])
+        low, high = np.percentile(seen.gap, [10.0, 90.0])
         size = 0.5 * float(high - low)
         return tuple({"band": share * size} for share in (0.5, 1.0, 2.0)) if size > 0.0 else ()

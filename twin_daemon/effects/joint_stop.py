@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Story
+from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Seen, Story
 from twin_daemon.effects.edits import add_joint_tendon
 
 _EDGES = (0.05, 0.95)  # of the samples: a joint that stands at a stop does so for more than a twentieth of them
@@ -64,12 +64,13 @@ class JointStop(Effect):
             {"stiffness": 0.2 * k, "upper": 0.4 * span, "lower": 0.0},
         )
 
-    def suggested(self, scale: Scale, angle: np.ndarray, gap: np.ndarray) -> tuple[dict[str, float], ...]:
+    def suggested(self, scale: Scale, seen: Seen) -> tuple[dict[str, float], ...]:
         """Where the error begins to grow, at either end: at rest a stop bends the servo by its stiffness over kp.
 
         A stiff stop is hardly entered, so that the joint stands at its edge: at either end of what is seen of the angle
         one such is suggested as well.
         """
+        angle, gap = seen.angle, seen.gap
         found: list[tuple[float, dict[str, float]]] = []
         for side in (1.0, -1.0):
             best = 0.0, 0.0, 0.0

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Story
+from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Seen, Story
 from twin_daemon.effects.edits import add_joint_tendon
 
 _CENTRES = 25  # at which a cubic through the torque is tried
@@ -44,8 +44,9 @@ class NonlinearSpring(Effect):
         tendon = add_joint_tendon(spec, f"{place.joint}_cubic", {place.joint: 1.0}, rest=(centre, centre))
         tendon.stiffness[2] = values["cubic"]
 
-    def suggested(self, scale: Scale, angle: np.ndarray, gap: np.ndarray) -> tuple[dict[str, float], ...]:
+    def suggested(self, scale: Scale, seen: Seen) -> tuple[dict[str, float], ...]:
         """The cubics that fit the torque over the angle best: the servo is a spring that shows it as an error."""
+        angle, gap = seen.angle, seen.gap
         low, high = float(angle.min()), float(angle.max())
         margin = 0.25 * (high - low)
         found = []

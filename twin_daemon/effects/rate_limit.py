@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
+from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Seen, Story
 from twin_daemon.effects.edits import require_free_dynamics
 
 _UNLIMITED = 1e4
@@ -42,6 +42,16 @@ class RateLimit(Effect):
         actuator.gainprm = np.zeros(10)  # no integral action; the proportional gain is the bias
         actuator.dynprm = np.array([0.0, values["rate"], *np.zeros(8)])
         actuator.ctrlspec = 1  # a position set point
+
+    def suggested(self, scale: Scale, seen: Seen) -> tuple[dict[str, float], ...]:
+        """The speeds that the joint reached: it stays at the limit for as long as the command is faster.
+
+        A joint that overshoots was faster than the limit for a moment, so that slower ones are suggested as well.
+        """
+        if not seen.moving.size:
+            return ()
+        usual, fastest = (float(speed) for speed in np.quantile(seen.moving, (0.7, 0.99)))
+        return tuple({"rate": rate} for rate in (fastest, 0.7 * fastest, usual))
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
         return tuple({"rate": rate} for rate in (0.3, 1.0, 3.0))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Story
+from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Seen, Story
 from twin_daemon.effects.edits import add_joint_tendon
 
 _SLACK = 1e-8  # N m/rad: the weakest spring that can still hold a preload
@@ -52,8 +52,9 @@ class Spring(Effect):
         rest = values["preload"] / stiffness
         add_joint_tendon(spec, f"{place.joint}_spring", {place.joint: 1.0}, stiffness=stiffness, rest=(rest, rest))
 
-    def suggested(self, scale: Scale, angle: np.ndarray, gap: np.ndarray) -> tuple[dict[str, float], ...]:
+    def suggested(self, scale: Scale, seen: Seen) -> tuple[dict[str, float], ...]:
         """The line through the torque over the angle; the servo is a spring that shows the torque as an error."""
+        angle, gap = seen.angle, seen.gap
         slope, pull = np.polyfit(angle, gap, 1)
         return (
             {"stiffness": scale.kp * max(-float(slope), 0.003), "preload": scale.kp * float(pull)},

@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Story
+from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Seen, Story
 from twin_daemon.effects.edits import add_passive_motor, servo_stiffness, stable_stiffness
 
 _FLOOR = 1e-9  # N m: LuGre divides by its friction
@@ -49,6 +49,17 @@ class StribeckFriction(Effect):
         motor.dynprm = np.array([0, 0, 0, 0, 0, stiffness, 0, 0, 0, 0], float)
         motor.actdim = 1
 
+    def suggested(self, scale: Scale, seen: Seen) -> tuple[dict[str, float], ...]:
+        """Friction that fades within the speeds that the motion has, early or late."""
+        if not seen.moving.size:
+            return ()
+        usual = float(np.median(seen.moving))
+        return _within(scale, (0.1 * usual, 0.6 * usual))
+
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
-        weak = 0.005 * scale.kp
-        return tuple({"breakaway": b * weak, "velocity": v} for b in (1.0, 4.0, 8.0) for v in (0.06, 0.35))
+        return _within(scale, (0.06, 0.35))
+
+
+def _within(scale: Scale, velocities: tuple[float, ...]) -> tuple[dict[str, float], ...]:
+    weak = 0.005 * scale.kp
+    return tuple({"breakaway": b * weak, "velocity": v} for b in (1.0, 4.0, 8.0) for v in velocities)

@@ -45,4 +45,4 @@ class TendonElasticity(Effect):
         tie.solref, tie.solimp = solref, solimp
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
-        return tuple({"stiffness": factor * scale.kp, "motor_share": 0.5} for factor in (0.5, 2.0, 8.0))
+        return tuple({"stiffness": factor * scale.kp, "motor_share": 0.5} for factor in (0.5, 2.0, 8.0, 32.0))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Story
+from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Seen, Story
 from twin_daemon.effects.edits import add_passive_motor
 
 _FEWEST, _MOST = 3.0, 120.0  # waves a turn that are looked for
@@ -44,12 +44,13 @@ class TorqueRipple(Effect):
         motor.gear = servo.gear
         motor.biasprm = np.array([values["amplitude"], values["periods"], values["phase"], *np.zeros(7)])
 
-    def suggested(self, scale: Scale, angle: np.ndarray, gap: np.ndarray) -> tuple[dict[str, float], ...]:
+    def suggested(self, scale: Scale, seen: Seen) -> tuple[dict[str, float], ...]:
         """The highest peaks of the gap's least-squares spectrum over the angle (Lomb 1976).
 
         The servo is a spring, so that a torque shows as its part of the stiffness, wherever motion is slow. Where a
         wave is steeper than that spring, the joint snaps from one valley to the next and hardly shows what is between.
         """
+        angle, gap = seen.angle, seen.gap
         limit = 3.0 * float(np.median(np.abs(gap - np.median(gap)))) + 1e-9
         gap = np.clip(gap - np.median(gap), -limit, limit)
         travel = float(np.ptp(angle))

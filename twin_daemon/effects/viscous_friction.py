@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Story
+from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Seen, Story
 from twin_daemon.effects.edits import add_to_linear, linear
 
 
@@ -20,6 +20,7 @@ class ViscousFriction(Effect):
     dissipative = True
     shared = "joints"
     everywhere = "share"
+    reads_nominal_error = True
     parameters = (
         Parameter(
             "damping",
@@ -45,6 +46,11 @@ class ViscousFriction(Effect):
     def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:
         joint = spec.joint(place.joint)
         add_to_linear(joint, "damping", values["damping"] + values["share"] * linear(joint, "damping"), place)
+
+    def suggested(self, scale: Scale, seen: Seen) -> tuple[dict[str, float], ...]:
+        """The damping that makes the servo late by as much as the motion is, beside the usual ones."""
+        late = ({"damping": seen.late_s * scale.kp},) if seen.late_s > 0.0 else ()
+        return (*late, *self.starts(scale))
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
         return ({"damping": 0.5 * scale.damping}, {"damping": 2.0 * scale.damping}, {"damping": -0.5 * scale.damping})
