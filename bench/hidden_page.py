@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import beta
 
-from bench.random_robots.score import is_cause, outcome, same
+from bench.random_robots.score import CERTAIN, is_cause, outcome, same
 
-_CERTAIN = 3.0
 _BINS = (1.5, 3.0, 6.0, 12.0, 31.0)
 _CLAIMED = (0.0, 0.5, 0.8, 0.95, 0.99, 1.0)
 _NOT_COMPARED = {"payload"}
@@ -41,9 +40,9 @@ def _kind(*kinds: str) -> Callable[[Result], bool]:
 
 _QUESTIONS: tuple[Question, ...] = (
     ("one effect, 3 times the floor or more: right name first, `explained` or a tie", ">= 90 %, lower bound >= 85 %",
-     lambda one: one["truth"]["kind"] == "single" and one["truth"]["strength"] >= _CERTAIN),
+     lambda one: one["truth"]["kind"] == "single" and one["truth"]["strength"] >= CERTAIN),
     ("one effect, 1.5 to 3 times the floor", "-",
-     lambda one: one["truth"]["kind"] == "single" and one["truth"]["strength"] < _CERTAIN),
+     lambda one: one["truth"]["kind"] == "single" and one["truth"]["strength"] < CERTAIN),
     ("nothing hidden: `within_noise`", ">= 97 %", _kind("nothing")),
     ("a law of no library: `unexplained`", ">= 95 %", _kind("foreign")),
     ("a cause of the whole robot: named once, for the robot", ">= 95 %", _kind("robot")),

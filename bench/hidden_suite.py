@@ -156,6 +156,7 @@ def _answer(command: list[str], result: Path, log: Path, longest_s: float) -> di
     findings = [{key: found[key] for key in _SAID if key in found} for found in said.get("findings", [])]
     answer: dict[str, Any] = {"verdict": said.get("verdict", "failed"), "findings": findings}
     answer["probabilities"] = said.get("probabilities", [])
+    answer |= {key: said[key] for key in ("reason", "parts", "causes") if key in said}
     if not said:
         stopped = child.returncode in (-signal.SIGKILL, -signal.SIGXCPU)
         answer["why"] = f"not ended after {longest_s:g} s" if stopped else log.read_text().strip()[-300:]

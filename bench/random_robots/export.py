@@ -64,6 +64,7 @@ def truth(case: Case) -> dict[str, Any]:
         "kind": case.plan.kind,
         "model": f"{case.plan.name}.xml",
         "right": [effects[0]["effect"], *effects[0]["ties"]] if named else [],
+        "composed": [list(names) for hidden in case.hidden for names in hidden.law.composed],
         "joints": effects[0]["joints"] if effects else [],
         "strength": effects[0]["strength"] if effects else None,
         "effects": effects,

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 NAMED = ("explained", "ambiguous")
+CERTAIN = 3.0  # floors from which on an answer may be asked for
 
 
 def outcome(truth: dict[str, Any], said: dict[str, Any]) -> dict[str, bool]:
@@ -26,7 +27,7 @@ def outcome(truth: dict[str, Any], said: dict[str, Any]) -> dict[str, bool]:
     if kind == "nothing":
         right = verdict == "within_noise"
     elif kind == "foreign":
-        right = verdict == "unexplained"
+        right = verdict == "unexplained" or (verdict in NAMED and composes(said, truth))
     elif kind == "pair":
         right = verdict in NAMED and all(found is not None for found in matched)
     else:
@@ -54,11 +55,18 @@ def is_cause(effects: list[str], truth: dict[str, Any]) -> bool:
     """Whether a set of causes, each `effect:place`, is what is hidden.
 
     A place is a joint, or the command of a tendon for the two joints that it moves. A cause of the whole robot is at
-    `robot` or `hand`, or at a place that is all of the robot.
+    `robot` or `hand`, or at a place that is all of the robot. What these data are too weak to show is an effect below
+    three floors.
     """
     hidden, kind = truth["effects"], truth["kind"]
+    if list(effects) == ["too_weak"]:
+        return any(one["strength"] < CERTAIN for one in hidden)
     if kind in ("nothing", "foreign"):
-        return list(effects) == ["nothing" if kind == "nothing" else "unknown"]
+        if list(effects) == ["nothing" if kind == "nothing" else "unknown"]:
+            return True
+        named = [name.partition(":")[0] for name in effects]
+        wanted = truth.get("composed", [])
+        return bool(wanted) and len(named) == len(wanted) and all(set(names) & set(named) for names in wanted)
     said = [tuple(name.partition(":")[::2]) for name in effects]
     if len(said) != len(hidden):
         return False
@@ -70,6 +78,14 @@ def _is_at(place: str, one: dict[str, Any]) -> bool:
     if one["scope"] == "robot":
         return place in ("robot", "hand") or set(one["joints"]) <= set(meant)
     return any(name in one["joints"] for name in meant)
+
+
+def composes(said: dict[str, Any], truth: dict[str, Any]) -> bool:
+    """Whether the findings are the effects that together are the hidden law, each once, and nothing else."""
+    wanted, found = truth.get("composed", []), said["findings"]
+    here = all(set(one["joints"]) & set(truth["joints"]) for one in found)
+    each = [next((one for one in found if one["effect"] in names), None) for names in wanted]
+    return bool(wanted) and here and len(found) == len(wanted) and all(one is not None for one in each)
 
 
 def tied(found: dict[str, Any], said: dict[str, Any], truth: dict[str, Any]) -> bool:

@@ -133,11 +133,13 @@ def conclude(
     findings = _ranked(findings)
     # of what was not searched to the end nobody can say how probable a law is that is not in the library
     finished = not any(o.unfinished for o in outcomes)
-    probabilities = combined(_causes(outcomes, shared_posteriors), unknowns) if finished else ()
+    places = _causes(outcomes, shared_posteriors)
+    probabilities = combined(places, unknowns) if finished else ()
     above = [o for o in outcomes if not o.within_floor]
-    # of a part that only held-out motion puts above the floor a little more is no new law yet
-    both = zip(outcomes, unknowns, strict=True)
-    unexplained = [o for o, unknown in both if not o.within_floor and o.left > 1.0 and unknown > 0.5]
+    # of a part that only held-out motion puts above the floor a little more is no new law yet; beside a named one it is
+    # where that is more probable than not
+    both = [(o, unknown) for o, unknown in zip(outcomes, unknowns, strict=True) if not o.within_floor and o.left > 1.0]
+    unexplained = [o for o, unknown in both if unknown > (0.5 if o.accepted else 1.0 - SURE)]
     forced = [(o, *worst) for o in above for worst in beyond_any_hand(o.deviating)]
     unsettled = [o for o in above if o.left <= 1.0 and not o.accepted and o.chi_square > FLOOR_CHI_SQUARE]
     ambiguous = [f for f in findings if f.confusable_with or (f.probability or 0.0) < SURE]
@@ -183,6 +185,7 @@ def conclude(
         reason=reason,
         findings=tuple(findings),
         probabilities=probabilities,
+        causes=tuple(dict(one) for one in places),
         tried=tuple(t for o in outcomes for t in o.tried),
         where=where_it_fails(twin, train),
         parts={
@@ -191,6 +194,8 @@ def conclude(
                 times_floor=o.chi_square,
                 left_times_floor=o.left,
                 adequacy=o.what_is_left.adequacy,
+                above=o.what_is_left.above,
+                named=o.what_is_left.named,
                 unknown=unknown,
                 within_floor=o.within_floor,
             )

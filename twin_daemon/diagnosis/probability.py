@@ -47,6 +47,23 @@ def posterior(evidence_nats: Mapping[str, float], decisive_nats: float) -> dict[
 
 
 @dataclass(frozen=True)
+class Beliefs:
+    """The numbers that make probabilities of what was found and of what is left; by default those in use."""
+
+    unknown_above: float = UNKNOWN_PRIOR_ABOVE
+    unknown_unnamed: float = UNKNOWN_PRIOR_UNNAMED
+    unknown_within: float = UNKNOWN_PRIOR_WITHIN
+    slope: float = ADEQUACY_SLOPE
+    slope_within: float = ADEQUACY_SLOPE_WITHIN
+    least_adequacy: float = LEAST_ADEQUACY
+    further_cause_odds: float = FURTHER_CAUSE_ODDS
+    too_weak: float = TOO_WEAK
+
+
+IN_USE = Beliefs()
+
+
+@dataclass(frozen=True)
 class Left:
     """What is left of a part with what was found there: what says how probable it is that it lacks another law.
 
@@ -59,24 +76,27 @@ class Left:
     above: bool
     named: bool
 
-    def unknown(self, causes: int = 1) -> float:
+    def unknown(self, causes: int = 1, beliefs: Beliefs = IN_USE) -> float:
         """Probability that none of the library's laws is what the part lacks.
 
         `causes` is how many the whole answer has: the more it needs, the more probable is one law that is not among
         the library's and looks like all of them.
         """
-        if not self.above:
-            prior, slope = UNKNOWN_PRIOR_WITHIN, ADEQUACY_SLOPE_WITHIN
+        if self.named:
+            prior, slope, least = beliefs.unknown_above, beliefs.slope, beliefs.least_adequacy
+        elif self.above:
+            prior, slope, least = beliefs.unknown_unnamed, beliefs.slope, 0.0
         else:
-            prior, slope = UNKNOWN_PRIOR_ABOVE if self.named else UNKNOWN_PRIOR_UNNAMED, ADEQUACY_SLOPE
-        least = LEAST_ADEQUACY if self.above and self.named else 0.0
+            prior, slope, least = beliefs.unknown_within, beliefs.slope_within, 0.0
         odds = prior / (1.0 - prior) * min(max(self.adequacy, least), 1e3) ** slope
         if self.named:
-            odds *= FURTHER_CAUSE_ODDS ** (max(causes, 1) - 1)
+            odds *= beliefs.further_cause_odds ** (max(causes, 1) - 1)
         return odds / (1.0 + odds)
 
 
-def combined(causes: Iterable[Mapping[str, float]], unknowns: Iterable[float]) -> tuple[Probability, ...]:
+def combined(
+    causes: Iterable[Mapping[str, float]], unknowns: Iterable[float], beliefs: Beliefs = IN_USE
+) -> tuple[Probability, ...]:
     """Probabilities of all sets of causes that are not negligible, the most probable first.
 
     `causes` holds one distribution for each place among the causes, as `posterior` gives them; `unknowns` for each part
@@ -93,6 +113,10 @@ def combined(causes: Iterable[Mapping[str, float]], unknowns: Iterable[float]) -
                 longer[joined] = longer.get(joined, 0.0) + share * more
         sets = longer
     nothing = sets.pop((), 0.0)
-    sets |= {(NOTHING,): (1.0 - TOO_WEAK) * nothing, (WEAK,): TOO_WEAK * nothing, (UNKNOWN,): beyond}
+    sets |= {
+        (NOTHING,): (1.0 - beliefs.too_weak) * nothing,
+        (WEAK,): beliefs.too_weak * nothing,
+        (UNKNOWN,): beyond,
+    }
     found = [Probability(effects=names, probability=share) for names, share in sets.items()]
     return tuple(sorted((p for p in found if p.probability > LEAST_PROBABILITY), key=lambda p: -p.probability))

@@ -157,6 +157,10 @@ class PartSummary(_Said):
     left_times_floor: Number
     adequacy: Number = float("nan")
     """What is left in what a right model may leave, uncertain values that are too far off among it."""
+    above: bool = False
+    """Whether it is above its floor without what was found."""
+    named: bool = False
+    """Whether anything was found there."""
     unknown: Number = float("nan")
     """Probability that it lacks what is no law of the library."""
     within_floor: bool = Field(validation_alias=AliasChoices("within_floor", "quiet"))
@@ -256,6 +260,8 @@ class Diagnosis(_Said):
     reason: str
     findings: tuple[Finding, ...]
     probabilities: tuple[Probability, ...] = ()
+    causes: tuple[dict[str, float], ...] = ()
+    """For each place among the causes what may be there, by probability, given that it is of the library."""
     tried: tuple[Trial, ...]
     where: tuple[Failure, ...]
     parts: dict[str, PartSummary]

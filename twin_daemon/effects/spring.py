@@ -45,6 +45,7 @@ class Spring(Effect):
         excitation="holds at several angles across the range, each reached from both sides",
     )
     reads_nominal_error = True
+    amplitudes = ("stiffness", "preload")
     confusable = ("gravity_tilt", "payload", "actuator_gain", "sensor_gain", "sensor_offset", "nonlinear_spring")
 
     def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:

@@ -69,6 +69,8 @@ class Law:
     """Smallest and largest size that a robot could have."""
     each_step: ClassVar[bool] = False
     """Whether `step` is called in each step of the plant."""
+    composed: ClassVar[tuple[tuple[str, ...], ...]] = ()
+    """Of a law of no library: effects that together are the same law in position data, each by its names."""
     claims: ClassVar[str] = ""
     """What only one law at a servo may take over: "servo" or "friction"."""
 

@@ -127,9 +127,13 @@ class Fading(ServoLaw):
 
 
 class LooseTendon(ServoLaw):
-    """A tendon that is slack on one side: it pulls one way at once, the other way only behind a gap."""
+    """A tendon that is slack on one side: it pulls one way at once, the other way only behind a gap.
+
+    In position data that is a servo which is silent within half of the gap about a zero that is off by the other half.
+    """
 
     key = "x_loose_tendon"
+    composed = (("dead_zone", "backlash"), ("sensor_offset", "spring"))
     sizes = (1e-4, 0.4)
 
     def draw(self, random: np.random.Generator) -> None:
