@@ -12,8 +12,10 @@ const parameter = made("select", { id: "parameter" }), chart = made("div", { id:
 const compare = made("button", { type: "button", id: "diff", disabled: true }, "What differs between the two that are ticked");
 const about = made("section", { id: "about-version", hidden: true });
 const all = made("input", { type: "checkbox", id: "diff-all" });
+const changing = made("ul", { id: "changing", className: "tight" }), DAY_MS = 86_400_000;
+interface Series { name: string; unit: string; words: string; points: { at: string; value: number; ci95: [number, number] | null }[]; levels: { at: string; value: number; ci95: [number, number] }[] }
 export const panel = made("div", { className: "panel history" }, made("p", { className: "controls" }, rollback(), current), problems, tree,
-  about, made("p", { className: "controls" }, compare, made("label", {}, all, " with what is the same")), differences, made("p", { className: "controls" }, made("label", {}, "A parameter over time ", parameter)), chart);
+  about, made("p", { className: "controls" }, compare, made("label", {}, all, " with what is the same")), differences, changing, made("p", { className: "controls" }, made("label", {}, "A parameter over time ", parameter)), chart);
 const ticked: string[] = [];
 
 function line(one: Version): HTMLElement {
@@ -85,9 +87,31 @@ async function overTime(): Promise<void> {
   const { points } = await read(`/api/versions/parameter?${new URLSearchParams({ name })}`), unit = points[0].unit;
   chart.append(table(unit && unit !== "1" ? `${name} (${unit})` : name, ["made", "value", "95 % from", "to", "version"], points.map((one: any) =>
     row(one.created ? new Date(one.created).toLocaleString() : "-", number(one.value, 4), one.ci95 ? number(one.ci95[0]) : "unknown", one.ci95 ? number(one.ci95[1]) : "unknown", one.version.slice(0, 12)))));
-  if (points.length < 2) return;
-  const band = (index: number) => points.map((one: any) => one.ci95?.[index] ?? null);
-  chart.append(lines(name, points.map((_: any, at: number) => at + 1), [["value", "twin", points.map((one: any) => one.value)], ["95 % from", "soft", band(0)], ["to", "soft", band(1)]], unit, "of the versions"));
+  const promoted = (await seriesOf(name)).find((one) => one.name === name);
+  if (!promoted || promoted.points.length < 2 || parameter.value !== name) return;
+  chart.append(made("p", {}, promoted.words), trend(promoted));
+}
+
+const seriesOf = async (name = ""): Promise<Series[]> =>
+  known.decisions.some((one) => one.what === "promoted") ? (await read<{ series: Series[] }>(`/api/versions/history?${new URLSearchParams(name ? { name } : {})}`)).series : [];
+
+// What was found at each promotion, and the smoothed level with its band between the first and the last.
+function trend(one: Series): HTMLElement {
+  const days = (at: string) => (Date.parse(at) - Date.parse(one.points[0].at)) / DAY_MS, levels = new Map(one.levels.map((level) => [level.at, level]));
+  const found = new Map(one.points.map((point) => [point.at, point.value])), times = [...new Set([...found.keys(), ...levels.keys()])].sort((a, b) => days(a) - days(b));
+  const level = (pick: (level: Series["levels"][number]) => number) => times.map((at) => { const here = levels.get(at); return here ? pick(here) : null; });
+  return lines(one.name, times.map(days), [["found", "twin", times.map((at) => found.get(at) ?? null)], ["level", "ink", level((here) => here.value)],
+    ["95 % from", "soft", level((here) => here.ci95[0])], ["to", "soft", level((here) => here.ci95[1])]], one.unit === "1" ? "" : one.unit, "days");
+}
+
+// The parameters that move, the most urgent first: a click draws one.
+async function showChanging(): Promise<void> {
+  const moving = await seriesOf();
+  changing.replaceChildren(...moving.map((one) => {
+    const button = made("button", { type: "button", "data-series": one.name }, one.name);
+    button.addEventListener("click", () => { parameter.value = one.name; overTime().catch(() => undefined); });
+    return made("li", {}, button, ` ${one.words}`);
+  }));
 }
 
 export function start(): void {
@@ -95,6 +119,6 @@ export function start(): void {
   compare.disabled = true;
   all.addEventListener("change", () => { if (differences.children.length && ticked.length === 2) compare.click(); });
   parameter.addEventListener("change", () => { overTime().catch(() => undefined); });
-  hear(["versions"], show);
+  hear(["versions"], () => { show(); showChanging().catch(() => undefined); });
   show();
 }

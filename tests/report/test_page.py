@@ -7,6 +7,7 @@ import hashlib
 import json
 import re
 import shlex
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -131,6 +132,25 @@ def test_a_versions_parameters_have_unit_interval_and_bounds(bag: Path, tmp_path
     assert version.id in page.words
     assert version.mjcf_sha256 in page.words
     assert len(page.all("b")) == 4  # those of the summary, none of the title
+
+
+def test_what_has_changed_over_the_weeks_is_on_the_page(bag: Path, tmp_path: Path, twin: TwinModel) -> None:
+    begun, day = datetime(2026, 1, 1, tzinfo=UTC), [0.0]
+    store = VersionStore("shadow_hand", now=lambda: begun + timedelta(days=day[0]))
+    for week in range(6):
+        day[0], damping = 7.0 * week, 0.2 + 0.05 * week
+        changed = twin.changed(twin.terms.with_parameters({"rh_FFJ3.damping": damping}))
+        fitted = ParameterRecord(value=damping, unit="N m s/rad", ci95=(damping - 0.01, damping + 0.01))
+        draft = Draft(
+            hand="shadow_hand",
+            kind="calibrated",
+            terms=changed.terms.as_json(),
+            parameters={"rh_FFJ3.damping": fitted},
+        )
+        store.promote(store.add(draft, changed.mjcf()).id)
+    page, result = report(tmp_path, "--recording", str(bag))
+    assert "history" in result["sections"]
+    assert re.search(r"rh_FFJ3\.damping: \+0\.05 \[", page.words)
 
 
 EVIL = "<script>alert(1)</script>"

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from twin_daemon.cli.app import main
-from twin_daemon.cli.versions_history import heading, lifetime
 from twin_daemon.errors import BadInput
 from twin_daemon.figures.difference import difference_figure
 from twin_daemon.figures.history import history_figure
 from twin_daemon.hand import load_hand
 from twin_daemon.versions import Draft, ParameterRecord, VersionStore, diff
 from twin_daemon.versions.history import Series, history, promotions
+from twin_daemon.versions.history_words import heading, lifetime
 from twin_daemon.versions.trend import Sample, fit_trend, leaving
 
 START = datetime(2026, 1, 1, tzinfo=UTC)

@@ -186,6 +186,11 @@ def test_versions_are_promoted_exported_and_rolled_back(workbench: Any, state_di
     points = served.ask("/api/versions/parameter?name=rh_FFJ3.damping")[1]["points"]
     (point,) = [one for one in points if one["version"] == parent.id]
     assert (point["value"], point["ci95"]) == (0.3, [0.2, 0.4])
+    (series,) = served.ask("/api/versions/history?name=rh_FFJ3.damping")[1]["series"]
+    assert [one["value"] for one in series["points"]] == [0.3], "of those that were promoted and not rolled back"
+    assert series["words"] == "too few values for a trend"
+    assert served.ask("/api/versions/history")[1]["series"] == [], "nothing moves yet"
+    assert served.ask("/api/versions/history?name=rh_FFJ9.damping")[0] == 400
     assert served.ask(f"/api/versions/diff?before={parent.id}&after={child.id}")[1]["words"] == []
     steps = served.ask(f"/api/versions/ladder?version={child.id}")[1]["steps"]
     assert [step["mse_rad2"] for step in steps] == [4e-4, 1e-4, 1e-4]

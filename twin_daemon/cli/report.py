@@ -31,6 +31,8 @@ ProposalsFile = Annotated[
     Path | None,
     typer.Option("--proposals", metavar="FILE.json", help="Proposed laws: what twin propose --json wrote."),
 ]
+_MOST_SERIES = 8  # of the history that are drawn
+
 Page = Annotated[Path, typer.Option("--output", "-o", metavar="FILE.html", help="Where to write the page.")]
 
 
@@ -65,6 +67,7 @@ def command(
     from twin_daemon.report.motion import motion
     from twin_daemon.report.page import Content, render
     from twin_daemon.report.parameters import parameter_rows
+    from twin_daemon.versions.history import changing
 
     require_folder(json, output)
     found = read_result(diagnosis, Diagnosis, "twin diagnose") if diagnosis else None
@@ -110,6 +113,7 @@ def command(
         candidates=found.findings if found is not None and found.version == session.version and not terms else (),
         **_fall(session, stored, grown),
         notes=tuple(notes),
+        history=tuple(changing(session.store, session.hand.description.bands)[:_MOST_SERIES]),
     )
     page = render(content).encode()
     write_atomically(output, page)

@@ -13,10 +13,7 @@ from twin_daemon.cli.options import HandName, Json, Model
 from twin_daemon.tables import slim_table
 
 if TYPE_CHECKING:
-    from twin_daemon.versions.history import LeavesBand, Promotion, Series, Step
-    from twin_daemon.versions.trend import Trend
-
-_WEEK_DAYS = 7.0
+    from twin_daemon.versions.history import Promotion, Series
 
 
 def history(
@@ -44,6 +41,7 @@ def history(
     from twin_daemon.versions.covariate import read_covariate
     from twin_daemon.versions.history import history as histories
     from twin_daemon.versions.history import promotions
+    from twin_daemon.versions.history_words import lifetime
 
     require_folder(json, plot)
     described = load_hand(hand, model)
@@ -51,7 +49,7 @@ def history(
     series = histories(
         store,
         parameter or (),
-        limits={name: (one.lower, one.upper) for name, one in described.description.limits.items()},
+        limits=described.description.bands,
         covariate=None if covariate is None else read_covariate(covariate),
     )
     promoted = promotions(store)
@@ -73,6 +71,8 @@ def history(
 
 
 def _plain(series: Series) -> dict[str, Any]:
+    from twin_daemon.versions.history_words import heading
+
     trend, left = series.trend, series.leaves_band
     return {
         "unit": series.unit,
@@ -93,54 +93,9 @@ def _plain(series: Series) -> dict[str, Any]:
     }
 
 
-def heading(series: Series) -> str:
-    """Where a series is heading, in words."""
-    trend, left = series.trend, series.leaves_band
-    if trend.verdict == "too_few":
-        return "too few values for a trend"
-    if trend.slope_per_day is None or trend.slope_ci95 is None:
-        return "no trend"
-    said = [_step(series, one) for one in series.steps]
-    if trend.wanders:
-        said.append(
-            "looks differ by more than their intervals, as by temperature or load: ambiguous"
-            + ("" if trend.covariate_effect else "; --covariate FILE tells them from wear")
-        )
-    if trend.verdict == "no_trend":
-        return "; ".join(["no trend", *said])
-    return "; ".join([_growth(series, trend, left), *said])
-
-
-def _step(series: Series, step: Step) -> str:
-    """One jump in words."""
-    when = step.until.date().isoformat() if step.until else "?"
-    what = "a repair" if step.is_repair else "a jump"
-    return f"{what} by {step.size:+.3g} [{step.ci95[0]:.3g}, {step.ci95[1]:.3g}] in the week to {when}"
-
-
-def _growth(series: Series, trend: Trend, left: LeavesBand | None) -> str:
-    """Growth by week, and when a limit is reached."""
-    assert trend.slope_per_day is not None
-    assert trend.slope_ci95 is not None
-    week = [_WEEK_DAYS * slope for slope in (trend.slope_per_day, *trend.slope_ci95)]
-    text = f"{week[0]:+.3g} [{week[1]:.3g}, {week[2]:.3g}] a week"
-    if left is None:
-        return f"{text}; its band is not known" if series.band == (None, None) else text
-    if left.at is None:
-        return f"{text}; not within this age of the world"
-    ends = [when.date().isoformat() if when else "never" for when in (left.earliest, left.latest)]
-    return f"{text}; leaves its band at {left.value:.4g} about {left.at.date().isoformat()} ({ends[0]} to {ends[1]})"
-
-
-def lifetime(series: Series, promoted: Sequence[Promotion]) -> str:
-    """When something appeared or went, where it was not there all along."""
-    first, last = series.points[0], series.points[-1]
-    said = [f"appeared {first.at.date()}"] if first.version != promoted[0].version.id else []
-    said += [f"last seen {last.at.date()}"] if last.version != promoted[-1].version.id else []
-    return ", ".join(said)
-
-
 def _show(series: Sequence[Series], promoted: Sequence[Promotion], json: str | None) -> None:
+    from twin_daemon.versions.history_words import heading, lifetime
+
     console = people(json)
     first, last = promoted[0].at.date(), promoted[-1].at.date()
     title = f"{len(promoted)} promoted versions, {first} to {last} (UTC)"
@@ -155,7 +110,6 @@ def _show(series: Sequence[Series], promoted: Sequence[Promotion], json: str | N
     console.print(table)
     for one in series:
         lived = lifetime(one, promoted)
-        told = one.trend.verdict in ("rising", "falling") or one.steps or one.trend.wanders
-        moves = heading(one) if told else ""
+        moves = heading(one) if one.moves else ""
         if lived or moves:
             console.print(plain_text(f"{one.name}: {'; '.join(filter(None, (lived, moves)))}"), soft_wrap=True)

@@ -105,7 +105,7 @@ def command(
     hands = Hands(chosen.description, Scene(cache.nominal), where, fleet=fleet)
     uploads = Uploads(library.folders[0], library, cache, most_upload)
     panels = (Dependence(library, cache, jobs), Space(library, cache), Trial(library, cache))
-    views = (compare, learn, History(cache.store), *panels, uploads)
+    views = (compare, learn, History(cache.store, chosen.description.bands), *panels, uploads)
     routes = [route for view in views for route in view.routes]
     app = build(chosen, hands, token, hosts, routes, [jobs.close, cache.close, uploads.close], local=local)
     name_shown = socket.gethostname() if bind in ("0.0.0.0", "::") else shown

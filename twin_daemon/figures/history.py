@@ -8,15 +8,15 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from twin_daemon.figures.style import MEASURED, REFERENCE, RESIDUAL, TWIN, interval_bars, styled
-from twin_daemon.versions.history import Point, Series
+from twin_daemon.versions.history import Point, Series, by_urgency
 
 _ROW_PX, _HEAD_PX = 200, 90
 MOST_SERIES = 24
 
 
 def history_figure(hand: str, series: Sequence[Series]) -> go.Figure:
-    """One row of axes a series, those that leave their band first; at most 24."""
-    chosen = sorted(series, key=_urgency)[:MOST_SERIES]
+    """One row of axes a series, the most urgent first; at most 24."""
+    chosen = by_urgency(series)[:MOST_SERIES]
     titles = [f"{s.name}: {s.trend.verdict.replace('_', ' ')}" for s in chosen]
     height = _HEAD_PX + _ROW_PX * max(1, len(chosen))
     figure = make_subplots(
@@ -43,11 +43,6 @@ def history_figure(hand: str, series: Sequence[Series]) -> go.Figure:
                 figure.add_hline(y=bound, line={"color": MEASURED, "dash": "dot", "width": 1}, row=row, col=1)  # type: ignore[arg-type]
         figure.update_yaxes(title_text=one.unit, row=row, col=1)
     return styled(figure, f"The history of {hand}", height=height)
-
-
-def _urgency(series: Series) -> tuple[bool, float, str]:
-    at = series.leaves_band.at if series.leaves_band else None
-    return at is None, at.timestamp() if at else 0.0, series.name
 
 
 def _points(name: str, points: Sequence[Point], colour: str, symbol: str, shown: bool) -> go.Scatter:

@@ -215,6 +215,11 @@ class HandDescription(_Strict):
     alarm_ratio: Annotated[float, Field(gt=1, allow_inf_nan=False)] = 1.5
     """So many times what it was, or so much less: a change that recalibration follows is told as an alarm as well."""
 
+    @property
+    def bands(self) -> dict[str, tuple[float | None, float | None]]:
+        """The limits as (lower, upper) by name."""
+        return {name: (one.lower, one.upper) for name, one in self.limits.items()}
+
     def assuming(self, fields: Mapping[str, Any]) -> HandDescription:
         """The same description with other values of some fields; of a section those that are given."""
         sections = {n: getattr(self, n).model_copy(update=v) for n, v in fields.items() if isinstance(v, dict)}

@@ -16,6 +16,7 @@ from markupsafe import Markup
 
 from twin_daemon.diagnosis.verdict import IN_WORDS, Diagnosis, Finding, LadderResult
 from twin_daemon.figures.drawings import drawing
+from twin_daemon.figures.history import history_figure
 from twin_daemon.figures.ladder import ladder_figure
 from twin_daemon.figures.law import law_figure
 from twin_daemon.figures.style import DARK
@@ -27,6 +28,8 @@ from twin_daemon.report.motion import Motion, conditions, overlays
 from twin_daemon.report.parameters import ParameterRow
 from twin_daemon.report.reproduce import Recipe
 from twin_daemon.versions import Version
+from twin_daemon.versions.history import Series
+from twin_daemon.versions.history_words import heading
 
 _TEMPLATES = Path(__file__).with_name("templates")
 _MOST_TRIED = 20  # candidates that are shown at once
@@ -50,6 +53,8 @@ class Content:
     """What was added from the nominal model to this one, and the mean squared error (rad^2) after it; see waterfall."""
     steps_held_out: bool = False
     notes: tuple[str, ...] = field(default=())
+    history: tuple[Series, ...] = ()
+    """Parameters and values of effects over the versions that were promoted, the most urgent first."""
 
     @property
     def sections(self) -> tuple[str, ...]:
@@ -64,6 +69,7 @@ class Content:
             "proposals": self.proposals is not None,
             "ladder": self.ladder is not None,
             "parameters": True,
+            "history": bool(self.history),
             "reproduce": True,
         }
         return tuple(name for name, shown in there.items() if shown)
@@ -87,6 +93,8 @@ def render(content: Content) -> str:
         ladder_chart=ladder_chart(content.ladder) if content.ladder else None,
         law_charts=law_charts(content.proposals) if content.proposals else [],
         fall=fall_chart(content) if len(content.steps) > 1 else None,
+        history_chart=history_chart(content) if content.history else None,
+        heading=heading,
         verdicts=IN_WORDS,
     )  # fmt: skip
 
@@ -135,6 +143,14 @@ def fall_chart(content: Content) -> Chart:
         "The rms error of the nominal model, by how much each addition changes it, what is left, the sensors' noise."
     )
     return chart("fall", waterfall_figure(content.steps, noise), words, legend=False)
+
+
+def history_chart(content: Content) -> Chart:
+    """The series that the history shows, each with its band."""
+    said = (
+        "Values over the promoted versions: points with 95 % intervals, the smoothed level with its band, jumps dotted."
+    )
+    return chart("history-figure", history_figure(content.hand, content.history), said)
 
 
 def _environment() -> jinja2.Environment:

@@ -83,6 +83,21 @@ class Series:
     levels: tuple[Level, ...] = ()
     steps: tuple[Step, ...] = ()
 
+    @property
+    def moves(self) -> bool:
+        """Whether it grows or falls, has jumped, or wanders by more than its intervals."""
+        return self.trend.verdict in ("rising", "falling") or bool(self.steps) or self.trend.wanders
+
+
+def by_urgency(series: Sequence[Series]) -> list[Series]:
+    """Those first that leave their band soonest, then those that move, then the others by name."""
+
+    def key(one: Series) -> tuple[bool, float, bool, str]:
+        at = one.leaves_band.at if one.leaves_band else None
+        return at is None, at.timestamp() if at else 0.0, not one.moves, one.name
+
+    return sorted(series, key=key)
+
 
 def promotions(store: VersionStore) -> list[Promotion]:
     """Every promotion that stood, oldest first. A clock that was set back does not turn time around."""
@@ -141,6 +156,13 @@ def history(
         )
         for name, points in _chosen(gathered, names).items()
     ]
+
+
+def changing(store: VersionStore, limits: Mapping[str, tuple[float | None, float | None]]) -> list[Series]:
+    """What grows, falls, jumps or wanders, the most urgent first; none where no version was ever promoted."""
+    if not promotions(store):
+        return []
+    return by_urgency([one for one in history(store, limits=limits) if one.moves])
 
 
 def measured_points(store: VersionStore) -> dict[str, list[Point]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from starlette.requests import Request
@@ -11,6 +12,8 @@ from starlette.routing import BaseRoute
 from twin_daemon.errors import BadInput
 from twin_daemon.versions import NOMINAL, Version, VersionStore, diff
 from twin_daemon.versions.aliases import CANDIDATE, CURRENT
+from twin_daemon.versions.history import changing, history
+from twin_daemon.versions.history_words import heading
 from twin_daemon.versions.lineage import tree
 from twin_daemon.versions.standing import known_errors, worse_than
 from twin_daemon.versions.steps import error_of, error_steps
@@ -23,8 +26,9 @@ _MOST_TEXT = 400
 class History:
     """The questions of the view, and the two that change something."""
 
-    def __init__(self, store: VersionStore) -> None:
-        self._store = store
+    def __init__(self, store: VersionStore, bands: Mapping[str, tuple[float | None, float | None]]) -> None:
+        """`bands` are the limits of the hand's description, by the name of a parameter or a value of an effect."""
+        self._store, self._bands = store, bands
 
     @property
     def routes(self) -> list[BaseRoute]:
@@ -32,6 +36,7 @@ class History:
             reading("/api/versions", lambda _: self._list()),
             reading("/api/versions/diff", self._diff),
             reading("/api/versions/parameter", self._parameter),
+            reading("/api/versions/history", self._over_time),
             reading("/api/versions/ladder", self._ladder),
             reading("/api/versions/export", self._export),
             posting("/api/versions/note", self._note),
@@ -88,6 +93,16 @@ class History:
         if not points:
             raise BadInput(f"no version sets '{name}'")
         return {"name": name, "points": points}
+
+    def _over_time(self, request: Request) -> dict[str, Any]:
+        """What changes from promotion to promotion, the most urgent first; or one parameter, by its `name`."""
+        name = request.query_params.get("name", "")
+        if name:
+            found = [one for one in history(self._store, [name], limits=self._bands) if one.name == name]
+        else:
+            found = changing(self._store, self._bands)
+        shown = ("name", "unit", "points", "levels", "steps", "band")
+        return {"series": [{n: getattr(one, n) for n in shown} | {"words": heading(one)} for one in found]}
 
     def _ladder(self, request: Request) -> dict[str, Any]:
         """The errors from the nominal model to a version, one step for each version on the way."""

@@ -1,0 +1,70 @@
+"""Starts that are read off the motion: near what is there on slow slides and on fast fingers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twin_daemon.effects import LIBRARY
+from twin_daemon.effects.base import Scale, Seen
+
+SCALE = Scale(
+    kp=1.0, force_nm=1.0, damping=0.05, frictionloss=0.01, inertia=1e-3, armature=1e-4, lower=-1.0, upper=1.0,
+    step_s=0.002,
+)  # fmt: skip
+DT = 0.01
+
+
+def _steps(size: float) -> np.ndarray:
+    """(n,) commands that step every two seconds."""
+    return np.repeat(np.random.default_rng(0).uniform(-size, size, 12), round(2.0 / DT))
+
+
+def _slewed(command: np.ndarray, rate: float) -> np.ndarray:
+    out = [float(command[0])]
+    for wanted in command[1:].tolist():
+        out.append(out[-1] + float(np.clip(wanted - out[-1], -rate * DT, rate * DT)))
+    return np.array(out)
+
+
+@given(st.floats(-3.0, 1.5), st.floats(0.05, 0.9))
+def test_a_limit_of_rate_begins_near_the_speed_that_the_joint_reached(decades: float, share: float) -> None:
+    size = 10.0**decades
+    rate = share * 2.0 * size  # within two seconds of a step it gets somewhere
+    command = _steps(size)
+    angle = _slewed(command, rate)
+    starts = LIBRARY["rate_limit"].suggested(SCALE, Seen(angle, np.gradient(angle, DT), angle - command))
+    assert min(abs(np.log(one["rate"] / rate)) for one in starts) < np.log(1.2)
+
+
+@pytest.mark.parametrize(("effect", "value"), [("command_delay", "delay"), ("actuator_lag", "tau")])
+@given(late_s=st.floats(1e-4, 0.2))
+def test_what_is_late_begins_near_the_time_by_which_it_is(effect: str, value: str, late_s: float) -> None:
+    time_s = np.arange(0.0, 20.0, DT)
+    angle, before = (np.sin(0.7 * (time_s - shift)) for shift in (late_s, 0.0))
+    starts = LIBRARY[effect].suggested(SCALE, Seen(angle, np.gradient(angle, DT), angle - before))
+    assert min(abs(one[value] / late_s - 1.0) for one in starts) < 0.1
+
+
+def test_motion_that_is_early_suggests_no_delay() -> None:
+    time_s = np.arange(0.0, 20.0, DT)
+    angle = np.sin(time_s)
+    seen = Seen(angle, np.gradient(angle, DT), angle - np.sin(time_s - 0.05))
+    assert LIBRARY["command_delay"].suggested(SCALE, seen) == ()
+    assert LIBRARY["viscous_friction"].suggested(SCALE, seen) == LIBRARY["viscous_friction"].starts(SCALE)
+
+
+@given(st.floats(-3.0, 1.5))
+def test_friction_that_fades_begins_within_the_speeds_of_the_motion(decades: float) -> None:
+    time_s = np.arange(0.0, 20.0, DT)
+    speed = 10.0**decades * np.cos(time_s)
+    starts = LIBRARY["stribeck_friction"].suggested(SCALE, Seen(10.0**decades * np.sin(time_s), speed, 0.0 * speed))
+    assert all(0.01 * speed.max() < one["velocity"] < speed.max() for one in starts)
+
+
+def test_a_joint_that_stands_still_suggests_no_speed() -> None:
+    still = np.zeros(100)
+    for effect in ("rate_limit", "stribeck_friction"):
+        assert LIBRARY[effect].suggested(SCALE, Seen(still, still, still)) == ()
