@@ -16,6 +16,7 @@ from twin_daemon.diagnosis.thresholds import (
     ADEQUATE_FLOORS,
     COMPARABLE,
     DEVIATING_SIGMA,
+    FINALISTS,
     FULL_FIT_ROLLOUTS,
     MOST_OF_IT,
     REFINEMENT,
@@ -61,7 +62,7 @@ class PartSearch:
         """
         part = self.part
         found, left = self._one_after_another(None)
-        begun = [one for one in found.others if one.hypothesis.name not in found.names]
+        begun = [one for one in found.others if one.hypothesis.name not in found.names][:FINALISTS]
         best = found.accepted or begun
         if found.unfinished or self.most_effects < 2 or not best:
             return found

@@ -16,7 +16,12 @@ FURTHEST_ALONG = Threshold(4.0, "1", "times a start's own values, along its seca
 SCREENED_S = Threshold(8.0, "s", "of motion, where the model fails most: enough to rank candidates")
 OWNERS_STARTS = Count(4, "starts", "rolled out of a candidate that stands for a nuisance")
 OTHERS_STARTS = Count(2, "starts", "rolled out of any other candidate")
-FINALISTS = Count(3, "candidates", "that are fitted on all motion; twice as many where nuisances reach the floor")
+FINALISTS = Count(
+    3,
+    "candidates",
+    "that are fitted on all motion, and that a search begins again with; twice as many where nuisances reach the floor, or "
+    "where none of them is as good as a right law",
+)
 COMPARABLE = Threshold(4.0, "1", "times the best cost: what is further off after its first fit is not fitted again")
 RACE_ROLLOUTS = (
     Count(2, "roll-outs", "of every candidate in the first round of the race, beside those of its derivatives"),
