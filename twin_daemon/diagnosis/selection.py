@@ -29,7 +29,6 @@ from twin_daemon.diagnosis.thresholds import (
 )
 from twin_daemon.diagnosis.validation import Validation
 from twin_daemon.diagnosis.verdict import Trial
-from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
 from twin_daemon.executor import TimeLimit, concurrently
 
 _TAKES_LITTLE = "takes little of what is left beyond the floor away"
@@ -78,17 +77,6 @@ def next_effect(
     finalists += [r for r in within if r not in finalists and finalists[0].hypothesis.contains(r.hypothesis)]
     limits = [first.hypothesis for first in finalists]
     finalists += [r for r in first_fits if r not in finalists and any(h.is_limit_of(r.hypothesis) for h in limits)]
-
-    def ended(first: FirstFit) -> Fit:
-        return part.full_fit(first, FULL_FIT_ROLLOUTS)
-
-    full = concurrently(limit.checked(ended), finalists)
-    if not any((fit.problem.times_floor(fit.point) <= FLOOR_CHI_SQUARE).all() for fit in full):
-        # none is as good as a right law: those are asked as well of which the first fits may be to blame
-        least = screening.cost - MOST_OF_IT * (screening.cost - first_fits[0].cost)
-        more = [first for first in first_fits if first not in finalists and first.cost < least][:FINALISTS]
-        full += concurrently(limit.checked(ended), more)
-        finalists += more
     for first in [r for r in first_fits if r not in finalists]:
         gain = 0.5 * (screening.cost - first.cost)
         behind = 0.5 * (first.cost - first_fits[0].cost)
@@ -96,6 +84,7 @@ def next_effect(
         outcome.tried.append(_lost(first.hypothesis, gain, reason))
         say(f"  {first.hypothesis.name}: evidence {gain:.0f} nats, {behind:.0f} less than the best")
     weighed = {r.hypothesis.name: 0.5 * (screening.cost - r.cost) - part.price(r.problem) for r in first_fits}
+    full = concurrently(limit.checked(lambda first: part.full_fit(first, FULL_FIT_ROLLOUTS)), finalists)
     full += _limits_of(part, screening, full)
     fits = sorted(((part.evidence_nats(fit), fit) for fit in full), key=lambda item: -item[0])
     weighed |= {_named(fit): evidence for evidence, fit in fits}

@@ -19,8 +19,7 @@ OTHERS_STARTS = Count(2, "starts", "rolled out of any other candidate")
 FINALISTS = Count(
     3,
     "candidates",
-    "that are fitted on all motion, and that a search begins again with; twice as many where nuisances reach the floor, or "
-    "where none of them is as good as a right law",
+    "that are fitted on all motion, and that a search begins again with; twice as many where nuisances reach the floor",
 )
 COMPARABLE = Threshold(4.0, "1", "times the best cost: what is further off after its first fit is not fitted again")
 RACE_ROLLOUTS = (
