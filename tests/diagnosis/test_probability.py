@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin_daemon.diagnosis.probability import NOTHING, UNKNOWN, WEAK, Left, combined, posterior
+from twin_daemon.diagnosis.probability import NOTHING, UNKNOWN, WEAK, Left, combined, posterior, weight
 from twin_daemon.diagnosis.thresholds import DECISIVE_NATS, LEAST_PROBABILITY, SURE, TOO_WEAK, UNKNOWN_PRIOR_ABOVE
 
 NATS = st.dictionaries(st.sampled_from(["backlash:a", "spring:a", "payload:b"]), st.floats(-1e6, 1e6), min_size=1)
@@ -36,6 +38,24 @@ def test_sets_of_causes_are_a_distribution_without_what_is_negligible(
 def test_who_is_decisively_behind_leaves_the_best_sure() -> None:
     found = posterior({"backlash:a": 500.0, "spring:a": 500.0 - DECISIVE_NATS}, DECISIVE_NATS)
     assert found["backlash:a"] == pytest.approx(SURE, abs=1e-3)
+
+
+@given(st.floats(5.0, 1e4), st.floats(0.0, 50.0))
+def test_what_a_prior_says_counts_for_what_it_is_however_much_is_left(decisive: float, nats: float) -> None:
+    # the data say as much of both; without the weak servo its gain would have to be that far from its nominal value
+    weak = weight(1000.0 + 2.0 * nats, 1000.0, 2.0 * nats, 0.0, 0.0, decisive)
+    other = weight(1000.0 + 2.0 * nats, 1000.0 + 2.0 * nats, 2.0 * nats, 2.0 * nats, 0.0, decisive)
+    found = posterior({"actuator_gain:a": weak, "payload:a": other}, decisive)
+    odds = found["actuator_gain:a"] / max(found["payload:a"], 1e-300)
+    assert odds == pytest.approx(math.exp(nats), rel=1e-6)
+
+
+def test_what_the_data_say_counts_less_the_more_is_left() -> None:
+    sure, doubtful = (
+        posterior({"a": weight(1000.0, 960.0, 0.0, 0.0, 0.0, decisive), "b": 0.0}, decisive)["a"]
+        for decisive in (5.0, 100.0)
+    )
+    assert sure > 0.99 > doubtful
 
 
 def test_the_number_of_candidates_is_paid_for() -> None:

@@ -41,6 +41,11 @@ class Fit:
     """(m, p) derivative of the rows, as far as the fit knows it."""
 
     @property
+    def prior_cost(self) -> float:
+        """What of the cost is said by the priors of uncertain values, not by the data."""
+        return self.cost - self.chi_square * self.problem.effective_samples
+
+    @property
     def values(self) -> dict[str, float]:
         """The effect's parameters by name."""
         if self.hypothesis is None:
@@ -134,6 +139,12 @@ class FirstFit:
     @property
     def hypothesis(self) -> Hypothesis:
         return self.start.hypothesis
+
+    @property
+    def prior_cost(self) -> float:
+        """As of a fit: the priors' rows are the last ones."""
+        priors = self.rows[len(self.rows) - len(self.problem.prior_slopes()) :]
+        return float(priors @ priors)
 
 
 def own_columns(problem: Posterior) -> list[int]:

@@ -11,7 +11,7 @@ from twin_daemon.diagnosis.conclude import Accepted, Outcome
 from twin_daemon.diagnosis.far_off import beyond_any_hand, deviating, needed
 from twin_daemon.diagnosis.fit import Fit
 from twin_daemon.diagnosis.part_fit import PartFit
-from twin_daemon.diagnosis.selection import Say, decisive, next_effect, swap_rivals
+from twin_daemon.diagnosis.selection import Say, decisive, next_effect, swap_rivals, weight_of
 from twin_daemon.diagnosis.thresholds import (
     ADEQUATE_FLOORS,
     COMPARABLE,
@@ -73,19 +73,20 @@ class PartSearch:
             # it may be the form of its law that leaves much: only what leaves a small part of that is another answer
             may_leave = np.maximum(ADEQUATE_FLOORS, RELATIVE_ERROR * left)
             begun = [*found.accepted[:1], *(one for one in begun if one.fit.cost < COMPARABLE * against.cost)]
-        reached = {one.hypothesis.name: part.evidence_nats(against) for one in found.accepted[:1]}
+        reached = {one.hypothesis.name: against for one in found.accepted[:1]}
         for beginning in begun:
             named = beginning.hypothesis.name
             self.say(f"  once more, with {named} first")
             other, left = self._one_after_another(beginning, against=against, may_leave=may_leave)
             other.tried = [*found.tried, *other.tried]
-            reached[named] = part.evidence_nats(other.accepted[-1].fit)
-            better = reached[named] > part.evidence_nats(against) + decisive(against)
+            reached[named] = other.accepted[-1].fit
+            better = part.evidence_nats(reached[named]) > part.evidence_nats(against) + decisive(against)
             if better and other.explains and (left <= may_leave).all():
                 first = other.accepted[0]
+                bar = decisive(first.fit)
                 # each beginning is worth what it has come to with what was found beside it
-                weighed = {**first.weighed, **reached}
-                other.accepted[0] = replace(first, weighed=weighed, decisive_nats=decisive(first.fit))
+                weighed = {**first.weighed, **{name: weight_of(part, fit, bar) for name, fit in reached.items()}}
+                other.accepted[0] = replace(first, weighed=weighed, decisive_nats=bar)
                 return other
             found.tried, found.unfinished = other.tried, other.unfinished
             if found.unfinished:

@@ -31,14 +31,32 @@ from twin_daemon.diagnosis.verdict import Probability
 NOTHING, UNKNOWN, WEAK = "nothing", "unknown", "too_weak"
 
 
+def weight(
+    cost_before: float, cost: float, prior_before: float, prior: float, price: float, decisive_nats: float
+) -> float:
+    """Evidence of a candidate in nats, such that `posterior` counts what the priors say of it for what it is.
+
+    Costs are minus twice a log posterior, `prior` what of it the priors of uncertain values say. How far errors of a
+    model are correlated is a matter of the data: that a gain is six sigma from its nominal value unless the servo is
+    weak is said by the prior, and no nat of it is worth less.
+    """
+    data = 0.5 * (cost_before - prior_before - cost + prior)
+    return data + _nats_each(decisive_nats) * (0.5 * (prior_before - prior) - price)
+
+
+def _nats_each(decisive_nats: float) -> float:
+    """How many nats of the data make odds of e to one."""
+    return decisive_nats / math.log(RIVAL_ODDS)
+
+
 def posterior(evidence_nats: Mapping[str, float], decisive_nats: float) -> dict[str, float]:
     """Probabilities of the candidates for one place among the causes, and of nothing, given that it is one of these.
 
-    `evidence_nats` are their gains over the model without, after their parameters' price; `decisive_nats` is how far
+    `evidence_nats` are their gains over the model without, as `weight` gives them; `decisive_nats` is how far
     behind a candidate has to be for odds of RIVAL_ODDS against it. All have the same prior; together they have that of
     nothing.
     """
-    scale = decisive_nats / math.log(RIVAL_ODDS)
+    scale = _nats_each(decisive_nats)
     nats = {**evidence_nats, NOTHING: math.log(max(len(evidence_nats), 1))}
     most = max(nats.values())
     weights = {name: math.exp((value - most) / scale) for name, value in nats.items()}

@@ -12,6 +12,7 @@ from twin_daemon.diagnosis.candidates import Hypothesis
 from twin_daemon.diagnosis.conclude import Accepted, Outcome
 from twin_daemon.diagnosis.fit import FirstFit, Fit, Start, is_idle, stands_out
 from twin_daemon.diagnosis.part_fit import PartFit
+from twin_daemon.diagnosis.probability import weight
 from twin_daemon.diagnosis.screening import Screening
 from twin_daemon.diagnosis.thresholds import (
     ALIKE,
@@ -83,13 +84,12 @@ def next_effect(
         reason = f"explains less: {behind:.0f} nats behind {first_fits[0].hypothesis.name}"
         outcome.tried.append(_lost(first.hypothesis, gain, reason))
         say(f"  {first.hypothesis.name}: evidence {gain:.0f} nats, {behind:.0f} less than the best")
-    weighed = {r.hypothesis.name: 0.5 * (screening.cost - r.cost) - part.price(r.problem) for r in first_fits}
     full = concurrently(limit.checked(lambda first: part.full_fit(first, FULL_FIT_ROLLOUTS)), finalists)
     full += _limits_of(part, screening, full)
     fits = sorted(((part.evidence_nats(fit), fit) for fit in full), key=lambda item: -item[0])
-    weighed |= {_named(fit): evidence for evidence, fit in fits}
     for evidence, fit in fits:
         say(f"  {_named(fit)}: evidence {evidence:.0f} nats, {fit.chi_square:.1f} times the floor")
+    weighed = _weighed(part, screening, first_fits, [fit for _, fit in fits])
     best: Accepted | None = None
     simpler: Accepted | None = None
     rivals: list[Accepted] = []
@@ -138,18 +138,35 @@ def next_effect(
         best, rivals = right, [rival for rival in rivals if rival is not right and rival not in wrong]
         refuted = {one.hypothesis.name for one in wrong}
         weighed = {name: nats for name, nats in weighed.items() if name not in refuted}
-        best_evidence = weighed[best.hypothesis.name]
     if simpler is not None:
         # both are right on held-out motion, and one is the other at a bound: the simpler is the answer
+        weighed[simpler.hypothesis.name] = weighed[best.hypothesis.name]
         best, rivals = simpler, [*rivals, best]
-        weighed[best.hypothesis.name] = best_evidence
     law = next((rival for rival in rivals if best.hypothesis.is_limit_of(rival.hypothesis)), None)
     if law is not None and (law.judged.adequate or not best.judged.adequate):
         # what the limit has over the law that it is a limit of is no evidence against that law
+        weighed = weighed | {law.hypothesis.name: weighed[best.hypothesis.name]}
         best, rivals = law, [best, *(rival for rival in rivals if rival is not law)]
-        named = best.hypothesis.name
-        weighed = {named: best_evidence} | {name: nats for name, nats in weighed.items() if name != named}
     return replace(best, rivals=tuple(rivals), weighed=weighed, decisive_nats=decisive(best.fit))
+
+
+def _weighed(
+    part: PartFit, screening: Screening, first_fits: Sequence[FirstFit], fits: Sequence[Fit]
+) -> dict[str, float]:
+    """What is known of each candidate by name, as `posterior` counts it: by its full fit, else by its first."""
+    base, bar = part.base, decisive(min(fits, key=lambda fit: fit.cost)) if fits else DECISIVE_NATS
+    found = {
+        first.hypothesis.name: weight(
+            screening.cost, first.cost, base.prior_cost, first.prior_cost, part.price(first.problem), bar
+        )
+        for first in first_fits
+    }
+    return found | {_named(fit): weight_of(part, fit, bar) for fit in fits}
+
+
+def weight_of(part: PartFit, fit: Fit, bar: float) -> float:
+    """What is known of a fit over the nuisances alone, as `posterior` counts it where `bar` nats are decisive."""
+    return weight(part.base.cost, fit.cost, part.base.prior_cost, fit.prior_cost, part.price(fit.problem), bar)
 
 
 def _limits_of(part: PartFit, screening: Screening, laws: Sequence[Fit]) -> list[Fit]:
@@ -302,25 +319,33 @@ def swap_rivals(
         # each begins where the nuisances were beside it: now they fit the effect that is to give way
         starts = list(zip(beside, choices, strict=True))
         fits = concurrently(lambda s: first.full_fit_together([a.fit for a in s[0]], evaluations, s[1].fit), starts)
-        evidence = [first.evidence_nats(joint[index]) for joint in fits]
-        for limit, law in permutations(range(len(choices)), 2):
-            if choices[limit].hypothesis.is_limit_of(choices[law].hypothesis):
-                evidence[law] = max(evidence[law], evidence[limit])
+        evidence = _not_below_limits(choices, [first.evidence_nats(joint[index]) for joint in fits])
         most = max(range(len(choices)), key=evidence.__getitem__)
         bar = evidence[most] - decisive(fits[most][index])
         tied = [i for i, nats in enumerate(evidence) if i == most or nats > bar]
         limits = {i for i, j in permutations(tied, 2) if choices[i].hypothesis.is_limit_of(choices[j].hypothesis)}
         best = min(tied, key=lambda i: (is_idle(fits[i][index]), -evidence[i], i in limits))
         close = tuple(choices[i] for i in tied if i != best)
-        moved = evidence[0] - item.weighed[item.hypothesis.name]  # all others as far behind it as they were
+        beyond = decisive(fits[best][index])
+        weights = _not_below_limits(choices, [weight_of(first, joint[index], beyond) for joint in fits])
+        moved = weights[0] - item.weighed[item.hypothesis.name]  # all others as far behind it as they were
         weighed = {name: nats + moved for name, nats in item.weighed.items()}
-        weighed |= {c.hypothesis.name: nats for c, nats in zip(choices, evidence, strict=True)}
+        weighed |= {c.hypothesis.name: nats for c, nats in zip(choices, weights, strict=True)}
         richer = tuple(r for r in item.rivals if r not in asked) if best == 0 else ()
         found = [replace(a, fit=fit) for a, fit in zip(beside[best], fits[best], strict=True)]
         found[index] = replace(
             found[index],
             rivals=(*(replace(c, rivals=()) for c in close), *richer),
             weighed=weighed,
-            decisive_nats=decisive(fits[best][index]),
+            decisive_nats=beyond,
         )
+    return found
+
+
+def _not_below_limits(choices: Sequence[Accepted], nats: Sequence[float]) -> list[float]:
+    """The nats of each choice; of a law no less than those of what it becomes at a bound of its own."""
+    found = list(nats)
+    for limit, law in permutations(range(len(choices)), 2):
+        if choices[limit].hypothesis.is_limit_of(choices[law].hypothesis):
+            found[law] = max(found[law], found[limit])
     return found
