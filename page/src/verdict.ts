@@ -13,7 +13,7 @@ const IN_RACE = 8;
 
 export const place = (name: string) => {
   const [key, at] = name.split(":");
-  return at ? `${capital(effect(key)?.title ?? key)}, ${short(at)}` : { nothing: "Nothing is missing", unknown: "None of the library" }[name] ?? name;
+  return at ? `${capital(effect(key)?.title ?? key)}, ${short(at)}` : { nothing: "Nothing is missing", unknown: "None of the library", too_weak: "Too weak for these data to show" }[name] ?? name;
 };
 const capital = (text: string) => text.charAt(0).toUpperCase() + text.slice(1);
 const many = (names: string[]) => names.map(place).join(" and ");
