@@ -130,6 +130,10 @@ def next_effect(
         outcome.others = [replace(one, weighed=weighed, decisive_nats=decisive(one.fit)) for one in others]
     if best is None:
         return None
+    likelier = max((best, *rivals), key=lambda one: weighed[one.hypothesis.name])
+    if likelier is not best and (likelier.judged.adequate or not best.judged.adequate):
+        # by as much as the data choose between the two the errors of a model do, but not the priors
+        best, rivals = likelier, [best, *(rival for rival in rivals if rival is not likelier)]
     right = next((rival for rival in rivals if rival.judged.adequate), None)
     if simpler is None and right is not None and not best.judged.adequate:
         # evidence does not choose between them, validation data do
@@ -154,18 +158,25 @@ def _weighed(
     part: PartFit, screening: Screening, first_fits: Sequence[FirstFit], fits: Sequence[Fit]
 ) -> dict[str, float]:
     """What is known of each candidate by name, as `posterior` counts it: by its full fit, else by its first."""
-    base, bar = part.base, decisive(min(fits, key=lambda fit: fit.cost)) if fits else DECISIVE_NATS
-    found = {
-        first.hypothesis.name: weight(
-            screening.cost, first.cost, base.prior_cost, first.prior_cost, part.price(first.problem), bar
-        )
-        for first in first_fits
-    }
+    bar = decisive(min(fits, key=lambda fit: fit.cost)) if fits else DECISIVE_NATS
+    prior, found = part.base.prior_cost, {}
+    for first in first_fits:
+        price = part.price(first.problem)
+        if part.within_floor:
+            evidence = weight(screening.cost, first.cost, prior, first.prior_cost, price, bar)
+        else:
+            evidence = 0.5 * (screening.cost - first.cost) - price
+        found[first.hypothesis.name] = evidence
     return found | {_named(fit): weight_of(part, fit, bar) for fit in fits}
 
 
 def weight_of(part: PartFit, fit: Fit, bar: float) -> float:
-    """What is known of a fit over the nuisances alone, as `posterior` counts it where `bar` nats are decisive."""
+    """What is known of a fit over the nuisances alone, as `posterior` counts it where `bar` nats are decisive.
+
+    Where uncertain values alone bring a part to its floor, their priors tell what the data do not.
+    """
+    if not part.within_floor:
+        return part.evidence_nats(fit)
     return weight(part.base.cost, fit.cost, part.base.prior_cost, fit.prior_cost, part.price(fit.problem), bar)
 
 
@@ -305,8 +316,8 @@ def swap_rivals(
     While something else is missing, a wrong law may look as good as the right one, because what is missing leaves more
     than what tells the two apart. Beside all the others they are compared again.
 
-    A rival stays one where it is no further behind than is decisive for the best; of these the one with the most
-    evidence stands first, but for a law of which only its other parameters do anything, such as a spring without
+    A rival stays one where it is no further behind than is decisive for the best; of these the most probable one
+    stands first, but for a law of which only its other parameters do anything, such as a spring without
     stiffness. A richer law of the same kind is not asked, as it can only seem better.
     """
     found = list(accepted)
@@ -324,10 +335,10 @@ def swap_rivals(
         bar = evidence[most] - decisive(fits[most][index])
         tied = [i for i, nats in enumerate(evidence) if i == most or nats > bar]
         limits = {i for i, j in permutations(tied, 2) if choices[i].hypothesis.is_limit_of(choices[j].hypothesis)}
-        best = min(tied, key=lambda i: (is_idle(fits[i][index]), -evidence[i], i in limits))
-        close = tuple(choices[i] for i in tied if i != best)
-        beyond = decisive(fits[best][index])
+        beyond = decisive(fits[most][index])
         weights = _not_below_limits(choices, [weight_of(first, joint[index], beyond) for joint in fits])
+        best = min(tied, key=lambda i: (is_idle(fits[i][index]), -weights[i], i in limits))
+        close = tuple(choices[i] for i in tied if i != best)
         moved = weights[0] - item.weighed[item.hypothesis.name]  # all others as far behind it as they were
         weighed = {name: nats + moved for name, nats in item.weighed.items()}
         weighed |= {c.hypothesis.name: nats for c, nats in zip(choices, weights, strict=True)}
