@@ -52,7 +52,7 @@ def _nats_each(decisive_nats: float) -> float:
 def posterior(evidence_nats: Mapping[str, float], decisive_nats: float) -> dict[str, float]:
     """Probabilities of the candidates for one place among the causes, and of nothing, given that it is one of these.
 
-    `evidence_nats` are their gains over the model without, as `weight` gives them; `decisive_nats` is how far
+    `evidence_nats` are their gains over the model without, after their price; `decisive_nats` is how far
     behind a candidate has to be for odds of RIVAL_ODDS against it. All have the same prior; together they have that of
     nothing.
     """
