@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from twin_daemon.diagnosis.all_servos import of_all_servos
 from twin_daemon.diagnosis.conclude import Outcome, conclude, nothing_moves
 from twin_daemon.diagnosis.far_off import deviating
@@ -171,7 +169,7 @@ def _of_all(
     if 2 * sum(not part.within_floor for _, part in begun) <= len(begun):
         return None
     search = SharedSearch(twin, reduction, begun)
-    chosen: list[int] = np.flatnonzero(search.times_floor > CLOSER_LOOK).tolist()
+    chosen = search.above(CLOSER_LOOK)
     if len(chosen) < 2 or 2 * len(chosen) <= len(begun):
         return None
     above = [begun[i] for i in chosen]

@@ -25,6 +25,7 @@ from twin_daemon.diagnosis.thresholds import (
     SCREENED_S,
     SHARED_FINALISTS,
     SHARED_HALVINGS,
+    SHARED_NEARER,
     SHARED_SETTLED_NATS,
     SHARED_SHARES,
     SHARED_STEPS,
@@ -35,7 +36,7 @@ from twin_daemon.diagnosis.verdict import Finding
 from twin_daemon.errors import BadInput
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.estimation.posterior import Posterior
-from twin_daemon.estimation.solvers.trust_region import differenced
+from twin_daemon.estimation.solvers.trust_region import Derivative, descend, differenced
 from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
 from twin_daemon.estimation.uncertainty import block_gain
 from twin_daemon.estimation.variables import Variable
@@ -67,10 +68,30 @@ class _Group:
         problem = Posterior(reduced.twin, reduced.train, part.variables, part.joints, part.floor)
         chosen = problem.over([reduced.train[i] for i in self._places], self._variables(), ())
         rows = chosen.residuals(chosen.start[None])[0]
-        self._basis, _ = np.linalg.qr(differenced(chosen, chosen.start, rows, range(len(chosen.start))))
+        slopes = differenced(chosen, chosen.start, rows, range(len(chosen.start)))
+        self._basis, _ = np.linalg.qr(slopes)
         self.rows = self.left(rows)
         self.floor_cost = chosen.effective_samples
-        self.times_floor = float(self.rows @ self.rows) / self.floor_cost
+        self._from = chosen, rows, slopes
+
+    def above(self, floors: float) -> bool:
+        """Whether the group leaves more than so many floors with what its nuisances can do.
+
+        What is far off nominal is not taken away to first order: the nuisances are moved by some steps then.
+        """
+        most = floors * self.floor_cost
+        if float(self.rows @ self.rows) <= most:
+            return False
+        problem, rows, slopes = self._from
+        moved = descend(
+            problem,
+            problem.start,
+            Derivative(problem, (), slopes),
+            evaluations=SHARED_NEARER,
+            enough=lambda _, left: float(left @ left) <= most,
+            begun=rows,
+        )
+        return float(moved.rows @ moved.rows) > most
 
     def _variables(self) -> tuple[Variable, ...]:
         return over_some(self._part.variables, self.reduced.train, self._kept)
@@ -115,10 +136,9 @@ class SharedSearch:
         other._nothing = np.concatenate([group.rows for group in other._groups])
         return other
 
-    @property
-    def times_floor(self) -> np.ndarray:
-        """(g,) what each group leaves with what its nuisances can do, in floors."""
-        return np.array([group.times_floor for group in self._groups])
+    def above(self, floors: float) -> list[int]:
+        """The groups that leave more than so many floors with what their nuisances can do."""
+        return np.flatnonzero(concurrently(lambda group: group.above(floors), self._groups)).tolist()
 
     @property
     def _most_cost(self) -> float:

@@ -60,6 +60,7 @@ SHARED_TAKEN = Threshold(
     "1",
     "of what is above the floor, from most groups: a cause that takes less of it is not fitted to its end",
 )
+SHARED_NEARER = Count(4, "steps", "of a group's nuisances before a cause of all servos is asked for in their stead")
 SHARED_HALVINGS = Count(3, "halvings", "of a step of such values that gains nothing")
 
 # -- verdicts ------------------------------------------------------------------------------------------------
