@@ -67,10 +67,11 @@ def loaded_finger(change: Callable[[object], None] | None = None) -> TwinModel:
     """The first finger alone with gravity across it; `change` edits its nominal MjSpec."""
     hand = TwinModel.load(load_hand())
     finger = submodel(hand, FINGER, np.zeros(len(hand.joints)))
-    finger.nominal.option.gravity = np.array([2.0, 8.0, -5.0])
+    spec = finger.nominal.copy()
+    spec.option.gravity = np.array([2.0, 8.0, -5.0])
     if change is not None:
-        change(finger.nominal)
-    return finger.changed(Terms())
+        change(spec)
+    return TwinModel(finger.hand, spec, Terms())
 
 
 @pytest.fixture(scope="session")

@@ -47,9 +47,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_the_effect_of_the_page_is_diagnosed(example: str, folder: Path, tmp_path: Path) -> None:
     (folder / "quadratic_drag.py").write_text(example, encoding="utf-8")
     hand = load_hand()
-    twin = TwinModel.load(hand)
-    twin.nominal.joint(JOINT).damping[1] = DRAG  # planted without the file that is to find it
-    plant = twin.changed(Terms())
+    spec = TwinModel.load(hand).nominal.copy()
+    spec.joint(JOINT).damping[1] = DRAG  # planted without the file that is to find it
+    plant = TwinModel(hand, spec, Terms())
     for name, seed in (("fit", 1), ("held", 2)):
         motion = rich(hand, [JOINT], 6.0, seed)
         waypoints = {JOINT: (list(motion.times_s), list(motion.positions[:, 0]))}

@@ -70,6 +70,9 @@ class Problem:
         self._per_joint = np.maximum(sum(w.sum(axis=0) for w in weights), 1)
         self.prior_weight = prior_weight
         self._last: tuple[bytes, list[np.ndarray]] | None = None
+        # what was last asked of each recording, which most points ask for again
+        self._told: dict[int, tuple[tuple[float, int], np.ndarray]] = {}
+        self._felt: dict[int, tuple[Measurement, np.ndarray]] = {}
 
     # -- points --------------------------------------------------------------------------------------------
 
@@ -146,7 +149,7 @@ class Problem:
             grid = self._grids[index] * step_s
             past = -np.arange(round(PAST_S / step_s), 0, -1) * step_s if remembers(candidates[0].model) else grid[:0]
             whole = np.concatenate([past, grid])
-            distinct = {onset: self._controls(recording, whole, onset) for onset in dict.fromkeys(onsets)}
+            distinct = {onset: self._told_by(index, whole, onset) for onset in dict.fromkeys(onsets)}
             if len(distinct) == 1:
                 controls = next(iter(distinct.values()))[None]
             else:
@@ -158,7 +161,7 @@ class Problem:
                 qpos,
                 qvel,
                 before=controls[:, : len(past)] if len(past) else None,
-                applied=self._applied(recording, grid, [c.measurement for c in candidates], points),
+                applied=self._applied(index, grid, [c.measurement for c in candidates], points),
                 loaded=True,
                 turns=self._turns(recording),
                 threads=self.threads,
@@ -195,16 +198,17 @@ class Problem:
         return starts, qvel[None]
 
     def _applied(
-        self, recording: Aligned, grid: np.ndarray, measurements: Sequence[Measurement], points: np.ndarray
+        self, index: int, grid: np.ndarray, measurements: Sequence[Measurement], points: np.ndarray
     ) -> np.ndarray | None:
         """(1 or B, T, nv) what is outside of the model does to it on a grid of times (T,) s, for points (B, p)."""
+        recording = self.recordings[index]
         if recording.reaction is None:
             return None
         distinct: list[Measurement] = []
         for measurement in measurements:
             if measurement not in distinct:
                 distinct.append(measurement)
-        forces = [recording.reaction.applied(self.twin, grid, measurement) for measurement in distinct]
+        forces = [self._felt_as(index, grid, measurement) for measurement in distinct]
         if len(distinct) == 1:
             found = forces[0][None]
         else:
@@ -214,6 +218,21 @@ class Problem:
             by_sigma = recording.reaction.applied_by_links(self.twin, grid)[:, :, [v.number for _, v in self._links]]
             found = found + np.einsum("tvq,bq->btv", by_sigma, sigmas)
         return found
+
+    def _felt_as(self, index: int, grid: np.ndarray, measurement: Measurement) -> np.ndarray:
+        """(T, nv) what the joints outside do to the model along a recording that was read with a measurement."""
+        kept, reaction = self._felt.get(index), self.recordings[index].reaction
+        if kept is None or kept[0] != measurement:
+            assert reaction is not None
+            kept = self._felt[index] = measurement, reaction.applied(self.twin, grid, measurement)
+        return kept[1]
+
+    def _told_by(self, index: int, grid: np.ndarray, onset_s: float) -> np.ndarray:
+        """Controls (T, nu) of a recording on a grid of times (T,) s."""
+        asked, kept = (onset_s, len(grid)), self._told.get(index)
+        if kept is None or kept[0] != asked:
+            kept = self._told[index] = asked, self._controls(self.recordings[index], grid, onset_s)
+        return kept[1]
 
     def _controls(self, recording: Aligned, grid: np.ndarray, onset_s: float) -> np.ndarray:
         """Controls (T, nu) of a roll-out on a grid of times (T,) s."""

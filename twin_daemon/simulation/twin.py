@@ -47,15 +47,20 @@ class TwinModel:
     given, with what is at the whole robot written out for each servo.
     """
 
-    def __init__(self, hand: Hand, nominal: Any, terms: Terms) -> None:
+    def __init__(
+        self, hand: Hand, nominal: Any, terms: Terms, compiled: tuple[Any, mujoco.MjModel] | None = None
+    ) -> None:
+        """`compiled` is a copy of `nominal` that has been compiled and its model, where another twin has them."""
         self.hand = hand
         self.nominal = nominal
         try:
-            self._base = nominal.copy()
-            self.base_model = self._base.compile()
+            # effects edit a spec that was compiled: until then it does not say what its defaults come to
+            self._compiled = compiled or _compiled(nominal)
+            self._base, self.base_model = self._compiled
             self._map_names()
             self.terms = terms = terms.written_out(self.actuators, self.joints)
             if terms.parameters:
+                self._base = self._base.copy()
                 self._edit_parameters(terms.parameters)
                 self.base_model = self._base.compile()
             self.spec, self.measurement = self.build(terms.effects)
@@ -102,7 +107,7 @@ class TwinModel:
 
     def changed(self, terms: Terms) -> TwinModel:
         """Another twin of the same hand: the same nominal model with other terms."""
-        return TwinModel(self.hand, self.nominal, terms)
+        return TwinModel(self.hand, self.nominal, terms, self._compiled)
 
     def at_step(self, step_s: float) -> TwinModel:
         """The same twin at another time step."""
@@ -340,6 +345,11 @@ class TwinModel:
     def mjcf(self) -> str:
         """This twin as one plain, self-contained MJCF."""
         return mjcf_text(inline_meshes(self.spec, self.model))
+
+
+def _compiled(nominal: Any) -> tuple[Any, mujoco.MjModel]:
+    spec = nominal.copy()
+    return spec, spec.compile()
 
 
 def _prepare(spec: Any) -> None:

@@ -192,6 +192,9 @@ def one_step(
     return moved
 
 
+_LEAST_ROOM = 1e-9  # of a scale: with none at all MuJoCo's solver does not begin
+
+
 def bounded_step(
     slopes: np.ndarray, rows: np.ndarray, room: tuple[np.ndarray, np.ndarray], radius: float
 ) -> tuple[np.ndarray, float]:
@@ -201,7 +204,9 @@ def bounded_step(
     hessian = hessian + 1e-9 * max(float(np.trace(hessian)), 1.0) * np.eye(count)
     step, scratch = np.zeros((count, 1)), np.zeros((count, count + 7))
     lower = np.maximum(room[0], -radius)[:, None]
-    upper = np.maximum(np.minimum(room[1], radius)[:, None], lower + 1e-9)  # it wants some room everywhere
+    # it wants some room everywhere, and stands still before one that is hardly there
+    lower = np.where(lower > -_LEAST_ROOM, 0.0, lower)
+    upper = np.maximum(np.minimum(room[1], radius)[:, None], lower + _LEAST_ROOM)
     mujoco.mju_boxQP(step, scratch, None, hessian, gradient[:, None], lower, upper)
     moved = step[:, 0]
     return moved, float(-2.0 * gradient @ moved - moved @ hessian @ moved)
