@@ -150,7 +150,7 @@ class LawProblem(Posterior):
         for index in order:
             piece, grid = self.recordings[index], self._grids[index] * step_s
             past = -np.arange(round(PAST_S / step_s), 0, -1) * step_s if remembers(candidates[0].model) else grid[:0]
-            applied = self._applied(piece, grid, [candidates[0].measurement] * len(distinct), points[shown])
+            applied = self._applied(index, grid, [candidates[0].measurement] * len(distinct), points[shown])
             (qpos,), (qvel,) = self._begun(index, [candidates[0].measurement])
             memory = self._memory(index)
             for candidate, load in zip(candidates, alike.ravel().tolist(), strict=True):

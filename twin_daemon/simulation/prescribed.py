@@ -167,9 +167,13 @@ class _Difference:
     def measurement(self) -> Measurement:
         return self.needed.twin.measurement
 
-    @cached_property
+    @property
     def position(self) -> np.ndarray:
         """(m, k) of the sub-model's joints."""
+        return self._own_position
+
+    @cached_property
+    def _own_position(self) -> np.ndarray:
         return self.needed.motion.position[:, self._inside]
 
     @property
