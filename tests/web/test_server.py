@@ -246,6 +246,20 @@ def test_the_service_manager_hears_that_it_is_ready_alive_and_stopping(manager: 
     assert "STOPPING=1" in manager.waiting()
 
 
+def test_a_stop_does_not_wait_for_a_long_roll_out(workbench: Any, tmp_path: Path) -> None:
+    """A service that goes on computing after SIGTERM is killed in the end."""
+    made = recorded(TwinModel.load(load_hand()), FINGER, np.random.default_rng(1), seconds=60.0)
+    hour = [made.stamp_ns[0] + 60 * (stamps - made.stamp_ns[0]) for stamps in (made.stamp_ns, made.commands.stamp_ns)]
+    saved(replace(made, stamp_ns=hour[0], commands=replace(made.commands, stamp_ns=hour[1])), tmp_path / "hour.mcap")
+    served = workbench("--folder", str(tmp_path))
+    (offer,) = served.ask("/api/recordings")[1]["recordings"]
+    query = f"recording={offer['id']}&version=nominal&joint=rh_FFJ3"
+    until(lambda: served.ask(f"/api/window?{query}")[1]["pending"], 40.0)
+    time.sleep(2.0)
+    assert served.ask(f"/api/window?{query}")[1]["pending"]
+    assert served.end() == 0
+
+
 def test_the_onset_is_estimated_until_somebody_knows_better(workbench: Any, tmp_path: Path) -> None:
     hand = load_hand()
     plan = load_trajectory("hand_closing", hand).by_command(hand)

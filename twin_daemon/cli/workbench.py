@@ -66,7 +66,7 @@ def command(
     from bridges.zenoh.session import choose_endpoint
     from twin_daemon.files import write_atomically
     from twin_daemon.resources import own_state_dir, state_dir
-    from twin_daemon.services.stop import on_termination
+    from twin_daemon.services.stop import leave, on_termination
     from twin_daemon.versions import VersionStore
     from twin_daemon.web.app import build
     from twin_daemon.web.authorization import LOOPBACK, looking_token, new_token
@@ -132,7 +132,7 @@ def command(
 
     with on_termination():
         serve(app, listener, seconds, ready)
-    return 0
+    return leave(0)
 
 
 def is_loopback(address: str) -> bool:

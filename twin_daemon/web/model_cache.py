@@ -121,7 +121,8 @@ class ModelCache:
         self._worker.submit(read)
 
     def close(self) -> None:
-        self._worker.shutdown(cancel_futures=True)
+        """Nothing more is computed; what computes now hears of nothing, and nobody waits for it."""
+        self._worker.shutdown(wait=False, cancel_futures=True)
 
     def _built(self, version_id: str) -> TwinModel:
         return self.nominal.changed(Terms.model_validate(self.store.get(version_id).terms))
