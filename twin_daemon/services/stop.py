@@ -86,7 +86,7 @@ class on_termination:
 def leave(code: int) -> int:
     """The exit code, for a command that has put away all that it keeps; or the end, where a thread still computes.
 
-    A roll-out hears of no signal, and the interpreter would wait for it: a service that is told to stop would be killed.
+    A roll-out hears of no signal, and the interpreter would wait for it: a service told to stop would be killed.
     """
     others = [thread for thread in threading.enumerate() if thread is not threading.current_thread()]
     if any(not thread.daemon for thread in others):
