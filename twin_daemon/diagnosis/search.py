@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from twin_daemon.diagnosis.all_servos import of_all_servos
 from twin_daemon.diagnosis.conclude import Outcome, conclude, nothing_moves
 from twin_daemon.diagnosis.far_off import deviating
@@ -132,7 +134,10 @@ def _as_fitted(twin: TwinModel, looked_at: Sequence[tuple[Reduced, PartFit]]) ->
         fitted = zip(part.base.problem.variables, part.base.point, strict=True)
         known = {v.name: v.value(float(unit)) for v, unit in fitted}
         found.update(factors(part.base.problem.variables, known))
-    values = {name: factor * twin.parameter(name).read(twin.model) for name, factor in found.items()}
+    refs = {name: twin.parameter(name) for name in found}
+    # a fit beside something that is missing goes anywhere, but not beyond what a model can have
+    bounds = {name: (ref.kind.lower, ref.kind.upper) for name, ref in refs.items()}
+    values = {n: float(np.clip(found[n] * ref.read(twin.model), *bounds[n])) for n, ref in refs.items()}
     return twin.changed(twin.terms.with_parameters(values))
 
 
