@@ -16,8 +16,9 @@ from tests.simulation.made import recorded as moved_finger
 from twin_daemon.diagnosis.conclude import Outcome, conclude
 from twin_daemon.diagnosis.fit import moved_parameters
 from twin_daemon.diagnosis.part_fit import PartFit
+from twin_daemon.diagnosis.search import _as_fitted
 from twin_daemon.estimation.nuisances import beside, factors, nuisance_variables
-from twin_daemon.estimation.partition import Reduction
+from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.estimation.posterior import Posterior
 from twin_daemon.estimation.solvers.trust_region import Descent, searched
 from twin_daemon.estimation.variables import ParameterVariable
@@ -92,6 +93,17 @@ def test_an_effects_value_counts_from_what_the_model_states(twin: TwinModel) -> 
     assert {k.name for k in variables} - {k.name for k in left} == {f"{JOINT}.armature"}
     assert f"{JOINT}.armature" not in factors(left, values)
     assert factors(left, values)[f"{JOINT}.damping"] == 3.0
+
+
+def test_what_a_fit_beside_a_missing_effect_comes_to_is_still_a_model(twin: TwinModel) -> None:
+    """A limit of speed takes all friction of a joint away; nothing less than the least is written into the model."""
+    name = f"{JOINT}.frictionloss"
+    least = twin.parameter(name).kind.lower
+    smooth = twin.changed(Terms(parameters={name: 3.0 * least}))
+    variable = ParameterVariable(name, "1", 1e-2, 1e2, 1.0, True, parameters=(name,), factor=True)
+    fit = SimpleNamespace(problem=SimpleNamespace(variables=[variable]), point=np.zeros(1))
+    fitted = _as_fitted(smooth, [(cast("Reduced", None), cast("PartFit", SimpleNamespace(base=fit)))])
+    assert fitted.parameter(name).read(fitted.model) == pytest.approx(least)
 
 
 def test_a_pattern_search_gets_across_corners_at_which_a_descent_ends() -> None:

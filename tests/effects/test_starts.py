@@ -64,6 +64,22 @@ def test_friction_that_fades_begins_within_the_speeds_of_the_motion(decades: flo
     assert all(0.01 * speed.max() < one["velocity"] < speed.max() for one in starts)
 
 
+@pytest.mark.parametrize(
+    ("effect", "value"),
+    [("stribeck_friction", "breakaway"), ("coulomb_friction", "friction"), ("hysteresis", "torque")],
+)
+@given(decades=st.floats(-4.0, 1.0))
+def test_dry_friction_begins_near_what_keeps_the_joint_from_its_target(effect: str, value: str, decades: float) -> None:
+    held = 10.0**decades  # rad: a servo of 1 N m/rad pulls with as many N m and does not get any further
+    rng = np.random.default_rng(0)
+    command = np.repeat(rng.uniform(-5.0 * held, 5.0 * held, 30), 100)
+    target = np.repeat(rng.uniform(-held, held, 30), 100)
+    angle = command + target
+    speed = np.where(np.arange(len(angle)) % 100 < 20, held, 0.0)
+    starts = LIBRARY[effect].suggested(SCALE, Seen(angle, speed, target))
+    assert min(abs(np.log(max(one[value], 1e-9) / held)) for one in starts) < np.log(2.0)
+
+
 def test_a_joint_that_stands_still_suggests_no_speed() -> None:
     still = np.zeros(100)
     for effect in ("rate_limit", "stribeck_friction"):

@@ -126,7 +126,7 @@ FURTHER_CAUSE_ODDS = Threshold(
     4.0, "1", "to one, against each further cause that an answer needs, beside one law of no library: two are a quarter"
 )
 TOO_WEAK = Threshold(
-    0.3,
+    0.4,
     "1",
     "probability that a robot at its floor lacks what these data are too weak to show: of the suite's such answers the "
     "share in which something weak was hidden",

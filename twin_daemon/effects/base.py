@@ -149,6 +149,13 @@ class Seen:
         return sizes[sizes > _STILL_SHARE * float(sizes.max(initial=0.0))]
 
     @property
+    def held_off(self) -> float:
+        """rad: how far the joint is kept from where it should be while it stands still, more than at most times."""
+        sizes = np.abs(self.speed)
+        still = self.gap[sizes <= _STILL_SHARE * float(sizes.max(initial=0.0))]
+        return float(np.quantile(np.abs(still - np.median(self.gap)), 0.9)) if still.size else 0.0
+
+    @property
     def late_s(self) -> float:
         """How much later than predicted the motion is, by least squares; negative if it is early."""
         return -float(self.gap @ self.speed) / max(float(self.speed @ self.speed), 1e-30)

@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Story
+from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Seen, Story
 from twin_daemon.effects.edits import add_passive_motor, add_to_linear, linear, servo_stiffness, stable_stiffness
 
 _FLOOR = 1e-9  # N m: the law divides by its torque
@@ -64,11 +64,20 @@ class CoulombFriction(Effect):
         motor.dynprm = np.array([0, 0, 0, 0, 0, stiffness, 0, 0, 0, 0])
         motor.actdim = 1
 
+    def suggested(self, scale: Scale, seen: Seen) -> tuple[dict[str, float], ...]:
+        """At rest it keeps the joint as far from its target as it bends the servo: up to the friction over kp."""
+        holds = scale.kp * seen.held_off
+        return _of_strengths(scale, *(share * holds for share in (0.1, 0.4, 1.0))) if holds > 0.0 else ()
+
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
-        own, strong = scale.frictionloss, 0.01 * scale.kp
-        more = tuple({"friction": factor * strong, "sticking": 1.0} for factor in (0.5, 2.0, 5.0))
-        return (*more, {"friction": strong, "sticking": 0.0}, {"friction": -0.7 * own, "sticking": 0.0})
+        return _of_strengths(scale, *(share * scale.kp for share in (0.005, 0.02, 0.05)))
 
     def starts_everywhere(self) -> tuple[dict[str, float], ...]:
         more = tuple({"friction": 0.0, "sticking": sticks, "share": 5.0} for sticks in (1.0, 0.0))
         return (*more, {"friction": 0.0, "sticking": 0.0, "share": -0.7})
+
+
+def _of_strengths(scale: Scale, *strengths: float) -> tuple[dict[str, float], ...]:
+    own, middle = scale.frictionloss, strengths[len(strengths) // 2]
+    more = tuple({"friction": strength, "sticking": 1.0} for strength in strengths)
+    return (*more, {"friction": 0.5 * middle, "sticking": 0.0}, {"friction": -0.7 * own, "sticking": 0.0})

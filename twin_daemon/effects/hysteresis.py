@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Story
+from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Seen, Story
 from twin_daemon.effects.edits import add_passive_motor, stable_stiffness
 
 _FLOOR = 1e-9  # N m: the law divides by its torque
@@ -59,6 +59,14 @@ class Hysteresis(Effect):
         motor.dynprm = np.array([0, 0, 0, 0, 0, stiffness, 0, 0, 0, 0])
         motor.actdim = 1
 
+    def suggested(self, scale: Scale, seen: Seen) -> tuple[dict[str, float], ...]:
+        """What is turned over keeps the joint from its target as far as its torque bends the servo."""
+        holds = scale.kp * seen.held_off
+        return _of_torques(scale, (0.25 * holds, holds)) if holds > 0.0 else ()
+
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
-        weak, strong = 0.005 * scale.kp, 0.03 * scale.kp
-        return tuple({"torque": t, "stiffness": k * scale.kp} for t in (weak, strong) for k in (0.05, 0.4))
+        return _of_torques(scale, (0.005 * scale.kp, 0.03 * scale.kp))
+
+
+def _of_torques(scale: Scale, torques: tuple[float, ...]) -> tuple[dict[str, float], ...]:
+    return tuple({"torque": t, "stiffness": k * scale.kp} for t in torques for k in (0.05, 0.4))

@@ -50,16 +50,23 @@ class StribeckFriction(Effect):
         motor.actdim = 1
 
     def suggested(self, scale: Scale, seen: Seen) -> tuple[dict[str, float], ...]:
-        """Friction that fades within the speeds that the motion has, early or late."""
+        """Friction that fades within the speeds that the motion has, early or late.
+
+        At rest it keeps the joint as far from its target as it bends the servo: up to the breakaway over kp.
+        """
         if not seen.moving.size:
             return ()
-        usual = float(np.median(seen.moving))
-        return _within(scale, (0.1 * usual, 0.6 * usual))
+        usual, holds = float(np.median(seen.moving)), scale.kp * seen.held_off
+        strengths = tuple(share * holds for share in (0.25, 0.6, 1.2)) if holds > 0.0 else _usual(scale)
+        return _within(strengths, (0.1 * usual, 0.6 * usual))
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
-        return _within(scale, (0.06, 0.35))
+        return _within(_usual(scale), (0.06, 0.35))
 
 
-def _within(scale: Scale, velocities: tuple[float, ...]) -> tuple[dict[str, float], ...]:
-    weak = 0.005 * scale.kp
-    return tuple({"breakaway": b * weak, "velocity": v} for b in (1.0, 4.0, 8.0) for v in velocities)
+def _usual(scale: Scale) -> tuple[float, ...]:
+    return tuple(share * scale.kp for share in (0.005, 0.02, 0.04))
+
+
+def _within(strengths: tuple[float, ...], velocities: tuple[float, ...]) -> tuple[dict[str, float], ...]:
+    return tuple({"breakaway": strength, "velocity": v} for strength in strengths for v in velocities)

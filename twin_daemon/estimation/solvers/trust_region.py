@@ -13,6 +13,7 @@ from twin_daemon.errors import BadInput
 from twin_daemon.estimation.thresholds import (
     GOOD_AGREEMENT,
     LEAST_AGREEMENT,
+    LEAST_ROOM,
     LOG_SIZE,
     NEAR_ZERO,
     PATTERN_FIRST,
@@ -192,9 +193,6 @@ def one_step(
     return moved
 
 
-_LEAST_ROOM = 1e-9  # of a scale: with none at all MuJoCo's solver does not begin
-
-
 def bounded_step(
     slopes: np.ndarray, rows: np.ndarray, room: tuple[np.ndarray, np.ndarray], radius: float
 ) -> tuple[np.ndarray, float]:
@@ -205,8 +203,8 @@ def bounded_step(
     step, scratch = np.zeros((count, 1)), np.zeros((count, count + 7))
     lower = np.maximum(room[0], -radius)[:, None]
     # it wants some room everywhere, and stands still before one that is hardly there
-    lower = np.where(lower > -_LEAST_ROOM, 0.0, lower)
-    upper = np.maximum(np.minimum(room[1], radius)[:, None], lower + _LEAST_ROOM)
+    lower = np.where(lower > -LEAST_ROOM, 0.0, lower)
+    upper = np.maximum(np.minimum(room[1], radius)[:, None], lower + LEAST_ROOM)
     mujoco.mju_boxQP(step, scratch, None, hessian, gradient[:, None], lower, upper)
     moved = step[:, 0]
     return moved, float(-2.0 * gradient @ moved - moved @ hessian @ moved)
