@@ -167,7 +167,9 @@ NEAR_ZERO = Threshold(0.02, "1", "of the range: the size of a value nearer to it
 SMALLEST_RADIUS = Threshold(1e-3, "1", "of the first step: a trust region that has shrunk below it ends a descent")
 LEAST_AGREEMENT = Threshold(0.25, "1", "of the expected gain: a step that reaches less shrinks the region")
 GOOD_AGREEMENT = Threshold(0.75, "1", "of it: a step that reaches more widens the region")
-LEAST_ROOM = Threshold(1e-9, "1", "of a first step: a variable with less to its bound stands; with none no step is found")
+LEAST_ROOM = Threshold(
+    1e-9, "1", "of a first step: a variable with less to its bound stands; with none no step is found"
+)
 SHRINK = Threshold(0.3, "1", "factor by which the region shrinks")
 WORTH = Threshold(2e-4, "1", "of the cost: a step that promises less is the last")
 PATTERN_FIRST = Threshold(0.04, "1", "of a value: first step of the pattern search across corners of dry friction")
