@@ -41,6 +41,14 @@ def test_it_is_a_plain_loop_to_the_last_bit_on_one_and_on_two_threads(
             assert np.array_equal(one[index, step + 1], data.qpos), f"model {index}, step {step}"
 
 
+def test_no_clock_is_read_at_any_stage_of_a_step(twin: TwinModel) -> None:
+    """The bindings' own is a third of a small model's roll-out; without it a step takes no time that it knows of."""
+    data = mujoco.MjData(twin.model)
+    mujoco.mj_step(twin.model, data, nstep=10)
+    step = data.timer[mujoco.mjtTimer.mjTIMER_STEP]
+    assert (step.number, step.duration) == (10, 0.0)
+
+
 def test_one_model_serves_many_command_sequences(twin: TwinModel, rng: np.random.Generator) -> None:
     controls = waves(twin, 2, rng)
     together = roll_out([twin.model], controls, twin.model.qpos0[None])

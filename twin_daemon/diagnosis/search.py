@@ -134,10 +134,11 @@ def _as_fitted(twin: TwinModel, looked_at: Sequence[tuple[Reduced, PartFit]]) ->
         fitted = zip(part.base.problem.variables, part.base.point, strict=True)
         known = {v.name: v.value(float(unit)) for v, unit in fitted}
         found.update(factors(part.base.problem.variables, known))
-    refs = {name: twin.parameter(name) for name in found}
-    # a fit beside something that is missing goes anywhere, but not beyond what a model can have
-    bounds = {name: (ref.kind.lower, ref.kind.upper) for name, ref in refs.items()}
-    values = {n: float(np.clip(found[n] * ref.read(twin.model), *bounds[n])) for n, ref in refs.items()}
+    values = {}
+    for name, factor in found.items():
+        ref = twin.parameter(name)
+        # a fit beside something that is missing goes anywhere, but not beyond what a model can have
+        values[name] = float(np.clip(factor * ref.read(twin.model), ref.kind.lower, ref.kind.upper))
     return twin.changed(twin.terms.with_parameters(values))
 
 

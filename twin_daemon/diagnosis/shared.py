@@ -72,7 +72,7 @@ class _Group:
         self._basis, _ = np.linalg.qr(slopes)
         self.rows = self.left(rows)
         self.floor_cost = chosen.effective_samples
-        self._from = chosen, rows, slopes
+        self._problem, self._at_start, self._slopes = chosen, rows, slopes
 
     def above(self, floors: float) -> bool:
         """Whether the group leaves more than so many floors with what its nuisances can do.
@@ -82,14 +82,13 @@ class _Group:
         most = floors * self.floor_cost
         if float(self.rows @ self.rows) <= most:
             return False
-        problem, rows, slopes = self._from
         moved = descend(
-            problem,
-            problem.start,
-            Derivative(problem, (), slopes),
+            self._problem,
+            self._problem.start,
+            Derivative(self._problem, (), self._slopes),
             evaluations=SHARED_NEARER,
             enough=lambda _, left: float(left @ left) <= most,
-            begun=rows,
+            begun=self._at_start,
         )
         return float(moved.rows @ moved.rows) > most
 

@@ -143,16 +143,20 @@ class Seen:
     gap: np.ndarray
 
     @property
+    def _moves(self) -> np.ndarray:
+        """(n,) bool: all but the slowest samples."""
+        sizes = np.abs(self.speed)
+        return sizes > _STILL_SHARE * float(sizes.max(initial=0.0))
+
+    @property
     def moving(self) -> np.ndarray:
         """(m,) rad/s: the sizes of the speeds of all but the slowest samples, which are holds."""
-        sizes = np.abs(self.speed)
-        return sizes[sizes > _STILL_SHARE * float(sizes.max(initial=0.0))]
+        return np.abs(self.speed)[self._moves]
 
     @property
     def held_off(self) -> float:
         """rad: how far the joint is kept from where it should be while it stands still, more than at most times."""
-        sizes = np.abs(self.speed)
-        still = self.gap[sizes <= _STILL_SHARE * float(sizes.max(initial=0.0))]
+        still = self.gap[~self._moves]
         return float(np.quantile(np.abs(still - np.median(self.gap)), 0.9)) if still.size else 0.0
 
     @property

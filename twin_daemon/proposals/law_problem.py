@@ -156,7 +156,7 @@ class LawProblem(Posterior):
             for candidate, load in zip(candidates, alike.ravel().tolist(), strict=True):
                 onset = candidate.onsets_s[index]
                 if (index, onset, load) not in known:
-                    controls = self._controls(piece, np.concatenate([past, grid]), onset)
+                    controls = self._told_by(index, np.concatenate([past, grid]), onset)
                     row = np.zeros((longest, width))
                     row[: len(grid), : controls.shape[1]] = controls[len(past) :]
                     if applied is not None:

@@ -43,8 +43,8 @@ class TwinModel:
 
     `joints` are the joint names of the data that the model has, in the hand description's order; `qpos_adr`
     and `dof_adr` (j,) are where they live. `actuators` (nu,) is the command name of each actuator. `nominal`
-    is the MjSpec without terms, `base_model` the compiled one with parameters and without effects. `terms` are those
-    given, with what is at the whole robot written out for each servo.
+    is the MjSpec without terms, which twins share and nobody edits; `base_model` the compiled one with parameters
+    and without effects. `terms` are those given, with what is at the whole robot written out for each servo.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class TwinModel:
         self.nominal = nominal
         try:
             # effects edit a spec that was compiled: until then it does not say what its defaults come to
-            self._compiled = compiled or _compiled(nominal)
+            self._compiled = compiled or _copied_and_compiled(nominal)
             self._base, self.base_model = self._compiled
             self._map_names()
             self.terms = terms = terms.written_out(self.actuators, self.joints)
@@ -347,7 +347,7 @@ class TwinModel:
         return mjcf_text(inline_meshes(self.spec, self.model))
 
 
-def _compiled(nominal: Any) -> tuple[Any, mujoco.MjModel]:
+def _copied_and_compiled(nominal: Any) -> tuple[Any, mujoco.MjModel]:
     spec = nominal.copy()
     return spec, spec.compile()
 
