@@ -9,11 +9,18 @@ import pytest
 from tests.diagnosis.conftest import called
 from tests.diagnosis.rig import DELAY_S, LAZY, SERVOS, changed_rig, late_rig
 from twin_daemon.cli.app import main
+from twin_daemon.diagnosis.shared import SharedSearch, at_nominal
+from twin_daemon.diagnosis.shared_cause import SharedCause
+from twin_daemon.effects import LIBRARY
 from twin_daemon.errors import BadInput
+from twin_daemon.estimation.partition import Reduction
+from twin_daemon.executor import TimeLimit
 from twin_daemon.hand import load_hand
 from twin_daemon.places import ROBOT
+from twin_daemon.simulation.submodel import drive_groups
 from twin_daemon.simulation.terms import EffectTerm, Terms
 from twin_daemon.simulation.twin import TwinModel
+from twin_daemon.workflows.session import open_session
 
 
 @pytest.fixture(scope="module")
@@ -139,6 +146,22 @@ def test_what_all_joints_have_is_one_cause_and_named_once(
     if limit := found["parameters"].get("limit"):  # no servo comes near it: nothing is said of it
         assert limit["value"] == 1.0
         assert limit["ci95"][1] - limit["ci95"][0] > 10.0
+
+
+def test_a_friction_that_sticks_and_one_that_creeps_are_both_fitted_at_all_joints(tmp_path: Path) -> None:
+    """Where one begins it may leave less than the other, and far more where their fits end."""
+    model, bag, _ = changed_rig(tmp_path, "coulomb_friction", {"friction": 0.0, "sticking": 0.0, "share": 5.0})
+    session = open_session(None, model, version=None, terms=None, joint_map=None)
+    train = session.recordings([bag], None)
+    reduction = Reduction(session.twin, train, ())
+    groups = [reduction.of(session.twin, group, group.joints) for group in drive_groups(session.twin)]
+    search = SharedSearch(session.twin, reduction, [at_nominal(group) for group in groups if group])
+    cause, limit = SharedCause(LIBRARY["coulomb_friction"], ROBOT), TimeLimit()
+    fitted = [search.fitted(begun, limit)[0] for begun in search.begun(cause, limit)]
+    assert sorted(fit.values["sticking"] for fit in fitted) == [0.0, 1.0]
+    best = min(fitted, key=lambda fit: fit.cost)
+    assert best.values["sticking"] == 0.0
+    assert best.values["share"] == pytest.approx(5.0, rel=0.1)
 
 
 @pytest.mark.slow

@@ -109,12 +109,13 @@ def refit_shared(
     looked_at = concurrently(lambda reduced: (reduced, PartFit(reduced.twin, reduced.train, reduced.joints)), cut)
     cause = SharedCause(effect, ROBOT, given)
     search = SharedSearch(twin, reduction, looked_at)
-    begun = search.begun(cause, limit) if start is None else search.at(cause, start)
-    if begun is None:
+    forms = search.begun(cause, limit) if start is None else [search.at(cause, start)]
+    if not forms:
         raise BadInput(f"'{effect.key}' cannot stand beside what the servos have", todo="Name servos with --joint")
-    found, slopes, there = begun, np.zeros((len(begun.rows), 0)), search
+    found, slopes, there = forms[0], np.zeros((len(forms[0].rows), 0)), search
     if cause.amplitudes:
-        found, slopes, there = search.settled(begun, limit)
+        best = min((search.fitted(one, limit)[0] for one in forms), key=lambda one: one.cost)
+        found, slopes, there = search.settled(best, limit)
     beside = there.beside(cause, found.values)
     return Refit(
         (cause.term(found.values),),

@@ -69,13 +69,9 @@ def diagnose(
         shared = _of_all(twin, reduction, begun, limit, seed, say)
         looked_at = [] if shared else concurrently(_looked_at, begun)
         above = _above(looked_at, outcomes, seed, say)
-        heavier = twin.hand.description.nominal_uncertainty.mass > 0.0
-        if above and (heavier or reduction.carries):
-            # once more, the others moving as they were fitted, and with what costs most: that links may be heavier
-            reduction = reduction.following(_as_fitted(twin, looked_at))
-            reduction = reduction.with_link_masses(twin) if heavier else reduction
-            again = [reduction.together(twin, [reduced]) for reduced, _ in above]
-            above = _above(concurrently(look, [r for r in again if r is not None]), outcomes, seed, say)
+        if above and (_heavier(twin) or reduction.carries):
+            reduction, again = _closer(twin, reduction, looked_at, above)
+            above = _above(again, outcomes, seed, say)
         else:
             above = [look(reduced) if part.nominal else (reduced, part) for reduced, part in above]
         if len(above) > 1:
@@ -96,9 +92,8 @@ def diagnose(
                 break
             # beside what all have some may have something of their own, which several feel
             twin = twin.changed(shared.terms)
-            reduction = reduction.following(_as_fitted(twin, [*shared.looked_at, *above]))
-            again = [reduction.together(twin, [reduced]) for reduced, _ in above]
-            above = _above(concurrently(look, [r for r in again if r is not None]), outcomes, seed, say)
+            reduction, again = _closer(twin, reduction, [*shared.looked_at, *above], above)
+            above = _above(again, outcomes, seed, say)
             groups = [_with_everywhere(group, finding) for group in groups]
             shared = _shared(twin, reduction, above, len(begun), limit, seed, say) if len(above) > 1 else None
         hunt = _Hunt(twin, reduction, seed, say, most_effects, limit, outcomes, touching)
@@ -121,6 +116,26 @@ def diagnose(
 def _looked_at(begun: tuple[Reduced, PartFit]) -> tuple[Reduced, PartFit]:
     """A group with what is uncertain about it fitted, unless it is at the floor of its sensors as it is."""
     return begun if begun[1].plainly_sound else look(*begun)
+
+
+def _heavier(twin: TwinModel) -> bool:
+    """Whether links may be heavier or lighter than the model has them."""
+    return twin.hand.description.nominal_uncertainty.mass > 0.0
+
+
+def _closer(
+    twin: TwinModel,
+    reduction: Reduction,
+    looked_at: Sequence[tuple[Reduced, PartFit]],
+    above: Sequence[tuple[Reduced, PartFit]],
+) -> tuple[Reduction, list[tuple[Reduced, PartFit]]]:
+    """(the reduction with the others moving as they were fitted and with what costs most, that links may be heavier;
+    the groups above the floor fitted anew on that).
+    """
+    reduction = reduction.following(_as_fitted(twin, looked_at))
+    reduction = reduction.with_link_masses(twin) if _heavier(twin) else reduction
+    again = [reduction.together(twin, [reduced]) for reduced, _ in above]
+    return reduction, concurrently(look, [reduced for reduced in again if reduced is not None])
 
 
 def _as_fitted(twin: TwinModel, looked_at: Sequence[tuple[Reduced, PartFit]]) -> TwinModel:

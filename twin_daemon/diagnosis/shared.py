@@ -173,10 +173,11 @@ class SharedSearch:
         seen = [group.seen(reduced) for group, reduced in zip(self._groups, changed, strict=True)]
         return np.nan_to_num(np.concatenate(seen), nan=1e3, posinf=1e3, neginf=-1e3)
 
-    def begun(self, cause: SharedCause, limit: TimeLimit) -> _Begun | None:
-        """A cause at the best of its starts, each a share of the effect's own; None where it cannot act.
+    def begun(self, cause: SharedCause, limit: TimeLimit) -> list[_Begun]:
+        """A cause at the best of its starts for each of its forms, the best first; none where it cannot act.
 
-        How strong a load or a delay may be follows from no scale of one place, so that shares go over decades.
+        How strong a load or a delay may be follows from no scale of one place, so that shares go over decades. Forms
+        differ in what no fit moves, such as how much of a friction sticks: which is the better says only its fit.
         """
         limit.check()
         joints = [joint for reduced, _ in self._above for joint in reduced.joints]
@@ -190,7 +191,10 @@ class SharedSearch:
             begun = [(start, 1.0) for start in starts]
             begun += [(start, share) for start in outwards for share in SHARED_SHARES[1:]]
             found = [one for start, share in begun if (one := self._at(cause, start, share)) is not None]
-        return min(found, key=lambda one: one.cost) if found else None
+        best: dict[tuple[float, ...], _Begun] = {}
+        for one in sorted(found, key=lambda one: one.cost):
+            best.setdefault(cause.form(one.values), one)
+        return list(best.values())
 
     def at(self, cause: SharedCause, values: Mapping[str, float]) -> _Begun:
         """A cause at known values."""
@@ -292,16 +296,16 @@ class SharedSearch:
 
         What leaves more than a share `most_left` of the cost beside the floor is not looked at any further.
         """
-        begun = [one for one in concurrently(lambda cause: self.begun(cause, limit), causes) if one is not None]
-        begun.sort(key=lambda one: one.cost)
-        fits: list[tuple[_Begun, np.ndarray]] = []
-        for one in begun[:SHARED_FINALISTS]:
-            least = min((fit.cost for fit, _ in fits), default=np.inf)
-            fits.append(self.fitted(one, limit, COMPARABLE * least))
+        begun = [forms for forms in concurrently(lambda cause: self.begun(cause, limit), causes) if forms]
+        begun.sort(key=lambda forms: forms[0].cost)
+        fits: list[_Begun] = []
+        for forms in begun[:SHARED_FINALISTS]:
+            least = min((fit.cost for fit in fits), default=np.inf)
+            fitted = [self.fitted(one, limit, COMPARABLE * least)[0] for one in forms]
+            fits.append(min(fitted, key=lambda fit: fit.cost))
         if not fits:
             return None
-        fits.sort(key=lambda fit: fit[0].cost)
-        best = fits[0][0]
+        best = min(fits, key=lambda fit: fit.cost)
         nothing = float(self._nothing @ self._nothing)
         if best.cost > most_left * nothing + sum(group.floor_cost for group in self._groups):
             return None
@@ -326,9 +330,9 @@ class SharedSearch:
         if not squares or None in squares:
             return None
         before, after = (np.concatenate(both) for both in zip(*filter(None, squares), strict=True))
-        others = [other for other, _ in fits if other is not best]
+        others = [other for other in fits if other is not best]
         ties = tuple(o.cause.name for o in others if 0.5 * (o.cost - best.cost) < DECISIVE_NATS)
-        shares = posterior({one.cause.name: 0.5 * (nothing - one.cost) for one, _ in fits}, DECISIVE_NATS)
+        shares = posterior({one.cause.name: 0.5 * (nothing - one.cost) for one in fits}, DECISIVE_NATS)
         both = zip(above, looked_at, strict=True)
         evidence = 0.5 * sum(old.base.cost - new.base.cost for (_, old), (_, new) in both)
         if any(old.nominal for _, old in above):

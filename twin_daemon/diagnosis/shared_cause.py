@@ -75,6 +75,10 @@ class SharedCause:
         moved = {n: neutral[n] + amount * (start[n] - neutral[n]) for n in self.amplitudes if n not in held}
         return self.accepted({**start, **moved})
 
+    def form(self, values: Mapping[str, float]) -> tuple[float, ...]:
+        """What no fit moves of these values."""
+        return tuple(value for name, value in self.accepted(values).items() if name not in self.amplitudes)
+
     def typical(self, name: str) -> float:
         """A step of a parameter that is certainly felt, in its unit."""
         parameter = self._parameter(name)

@@ -128,6 +128,8 @@ class Reduction:
 
     def with_link_masses(self, twin: TwinModel) -> Reduction:
         """The same with what uncertain masses of links do to a part: as torques by sigma, in its recordings."""
+        if self._paths is not None:
+            return self
         other = copy.copy(self)
         if other._motions is None:
             other._smoothed(twin)
