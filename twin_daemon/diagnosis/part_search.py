@@ -33,6 +33,22 @@ def begun_outcome(reduced: Reduced, part: PartFit) -> Outcome:
     return Outcome(reduced.name, part.joints, worst, deviating(part), part.moved)
 
 
+@dataclass
+class Progress:
+    """How far the search of a part has come: its outcome so far, and the part with what was found.
+
+    `left` (k,) are the floors that it leaves of the fitted motion, `enough` says that a right law leaves no less, and
+    `ended` that nothing asks for a further effect, or none helps.
+    """
+
+    outcome: Outcome
+    part: PartFit
+    validation: Validation
+    left: np.ndarray
+    enough: bool = False
+    ended: bool = False
+
+
 @dataclass(frozen=True)
 class PartSearch:
     """The search of one part for at most so many effects."""
@@ -54,16 +70,21 @@ class PartSearch:
         """(k,) floors that a right law may leave of the fitted motion."""
         return most_left(self.part, self.part.times_floor)
 
-    def outcome(self) -> Outcome:
+    def begun(self) -> Progress:
+        """The search up to its first effect."""
+        return self._further(self._nothing_yet(), None, 1)
+
+    def outcome(self, begun: Progress | None = None) -> Outcome:
         """What the part lacks: one effect after another; where that leaves too much, from another beginning as well.
 
         What two causes do together may look most like a third: play in a servo that often saturates passes for dry
         friction, and beside dry friction neither of the two has anything left to explain.
         """
         part = self.part
-        found, left = self._one_after_another(None)
-        begun = [one for one in found.others if one.hypothesis.name not in found.names][:FINALISTS]
-        best = found.accepted or begun
+        progress = self._further(begun or self.begun(), None, self.most_effects)
+        found, left = progress.outcome, progress.left
+        begins = [one for one in found.others if one.hypothesis.name not in found.names][:FINALISTS]
+        best = found.accepted or begins
         if found.unfinished or self.most_effects < 2 or not best:
             return found
         against, may_leave = best[-1].fit, np.full_like(left, np.inf)
@@ -72,57 +93,70 @@ class PartSearch:
                 return found
             # it may be the form of its law that leaves much: only what leaves a small part of that is another answer
             may_leave = np.maximum(ADEQUATE_FLOORS, RELATIVE_ERROR * left)
-            begun = [*found.accepted[:1], *(one for one in begun if one.fit.cost < COMPARABLE * against.cost)]
+            begins = [*found.accepted[:1], *(one for one in begins if one.fit.cost < COMPARABLE * against.cost)]
         reached = {one.hypothesis.name: against for one in found.accepted[:1]}
-        for beginning in begun:
+        for beginning in begins:
             named = beginning.hypothesis.name
             self.say(f"  once more, with {named} first")
-            other, left = self._one_after_another(beginning, against=against, may_leave=may_leave)
-            other.tried = [*found.tried, *other.tried]
-            reached[named] = other.accepted[-1].fit
+            other = self._further(
+                self._nothing_yet(), beginning, self.most_effects, against=against, may_leave=may_leave
+            )
+            other.outcome.tried = [*found.tried, *other.outcome.tried]
+            reached[named] = other.outcome.accepted[-1].fit
             better = part.evidence_nats(reached[named]) > part.evidence_nats(against) + decisive(against)
-            if better and other.explains and (left <= may_leave).all():
-                first = other.accepted[0]
+            if better and other.outcome.explains and (other.left <= may_leave).all():
+                first = other.outcome.accepted[0]
                 bar = decisive(first.fit)
                 # each beginning is worth what it has come to with what was found beside it
                 weighed = {**first.weighed, **{name: weight_of(part, fit, bar) for name, fit in reached.items()}}
-                other.accepted[0] = replace(first, weighed=weighed, decisive_nats=bar)
-                return other
-            found.tried, found.unfinished = other.tried, other.unfinished
+                other.outcome.accepted[0] = replace(first, weighed=weighed, decisive_nats=bar)
+                return other.outcome
+            found.tried, found.unfinished = other.outcome.tried, other.outcome.unfinished
             if found.unfinished:
                 break
         return found
 
-    def _one_after_another(
-        self, begun: Accepted | None, *, against: Fit | None = None, may_leave: float | np.ndarray = np.inf
-    ) -> tuple[Outcome, np.ndarray]:
-        """(effects until the part is at the floor, or none helps; (k,) floors that they leave of the fitted motion).
+    def _nothing_yet(self) -> Progress:
+        outcome = begun_outcome(self.reduced, self.part)
+        outcome.left = self.validation.judge(self.part.base).adequacy
+        return Progress(outcome, self.part, self.validation, self.part.times_floor)
 
-        With the first one given, if it has `begun`. What is to stand `against` another fit of the part is given up
+    def _further(
+        self,
+        progress: Progress,
+        step: Accepted | None,
+        most_effects: int,
+        *,
+        against: Fit | None = None,
+        may_leave: float | np.ndarray = np.inf,
+    ) -> Progress:
+        """More effects until the part is at the floor, or none helps, or it has so many.
+
+        With the first one given, if there is a `step`. What is to stand `against` another fit of the part is given up
         where it does not promise to leave much less, and has to leave no more than it `may_leave` (k,) floors.
         """
-        outcome = begun_outcome(self.reduced, self.part)
-        part, validation, step, left = self.part, self.validation, begun, self.part.times_floor
-        outcome.left = validation.judge(part.base).adequacy
-        enough = False
-        for _ in range(self.most_effects):
+        outcome = progress.outcome
+        while not progress.ended and len(outcome.accepted) < most_effects:
             try:
                 self.limit.check()
                 if step is None:
-                    step = next_effect(part, validation, self.say, outcome, self.limit, against=against)
+                    step = next_effect(
+                        progress.part, progress.validation, self.say, outcome, self.limit, against=against
+                    )
             except OutOfTime:
                 outcome.unfinished = True
+                step = None
+            if step is None or _is_refinement(self.part, progress.part, step.fit, outcome, enough=progress.enough):
+                progress.ended = True
                 break
-            if step is None or _is_refinement(self.part, part, step.fit, outcome, enough=enough):
-                break
-            part, validation, left = self._with(step, outcome, validation)
+            part, validation, left = self._with(step, outcome, progress.validation)
             enough = outcome.left <= 1.0 and bool((left <= may_leave).all())
-            if enough and not outcome.deviating:
-                break  # a nuisance that is far off may be another effect at work
+            # a nuisance that is far off may be another effect at work
+            progress = Progress(outcome, part, validation, left, enough, ended=enough and not outcome.deviating)
             step = None
         if outcome.accepted:
-            outcome.deviating = needed(part, self._most_left)
-        return outcome, left
+            outcome.deviating = needed(progress.part, self._most_left)
+        return progress
 
     def _with(self, step: Accepted, outcome: Outcome, validation: Validation) -> tuple[PartFit, Validation, np.ndarray]:
         """(the part, its validation, (k,) floors left) with one more effect, which `outcome` then has accepted."""

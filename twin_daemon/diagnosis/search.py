@@ -11,18 +11,19 @@ from twin_daemon.diagnosis.all_servos import of_all_servos
 from twin_daemon.diagnosis.conclude import Outcome, conclude, nothing_moves
 from twin_daemon.diagnosis.far_off import deviating
 from twin_daemon.diagnosis.part_fit import PartFit
-from twin_daemon.diagnosis.part_search import PartSearch, begun_outcome
+from twin_daemon.diagnosis.part_search import PartSearch, Progress, begun_outcome
 from twin_daemon.diagnosis.power import undetectable
 from twin_daemon.diagnosis.screening import Screening
 from twin_daemon.diagnosis.selection import Say
 from twin_daemon.diagnosis.shared import Shared, SharedSearch, at_nominal, look
 from twin_daemon.diagnosis.shared_cause import SharedCause, shared_causes
-from twin_daemon.diagnosis.thresholds import CLOSER_LOOK, DEVIATING_SIGMA, MOST_EFFECTS, OF_ALL_LEFT
+from twin_daemon.diagnosis.thresholds import CLOSER_LOOK, DEVIATING_SIGMA, GONE_FAR, MOST_EFFECTS, OF_ALL_LEFT
 from twin_daemon.diagnosis.validation import Validation
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding
 from twin_daemon.effects import LIBRARY
 from twin_daemon.estimation.nuisances import NOMINAL_KINDS, factors
 from twin_daemon.estimation.partition import Reduced, Reduction
+from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
 from twin_daemon.executor import OutOfTime, TimeLimit, concurrently
 from twin_daemon.places import ROBOT
 from twin_daemon.simulation.alignment import Aligned, moving_joints
@@ -92,11 +93,12 @@ def diagnose(
                 break
             # beside what all have some may have something of their own, which several feel
             twin = twin.changed(shared.terms)
-            reduction, again = _closer(twin, reduction, [*shared.looked_at, *above], above)
+            looked_at = [*shared.looked_at, *above]
+            reduction, again = _closer(twin, reduction, looked_at, above)
             above = _above(again, outcomes, seed, say)
             groups = [_with_everywhere(group, finding) for group in groups]
             shared = _shared(twin, reduction, above, len(begun), limit, seed, say) if len(above) > 1 else None
-        hunt = _Hunt(twin, reduction, seed, say, most_effects, limit, outcomes, touching)
+        hunt = _Hunt(twin, reduction, _as_fitted(twin, looked_at), seed, say, most_effects, limit, outcomes, touching)
         for unit in _units(twin, above):
             hunt.search(unit)
         if not findings and (once := _said_once(groups, outcomes, seed, say)):
@@ -132,29 +134,34 @@ def _closer(
     """(the reduction with the others moving as they were fitted and with what costs most, that links may be heavier;
     the groups above the floor fitted anew on that).
     """
-    reduction = reduction.following(_as_fitted(twin, looked_at))
+    reduction = reduction.following(_with_values(twin, _as_fitted(twin, looked_at)))
     reduction = reduction.with_link_masses(twin) if _heavier(twin) else reduction
     again = [reduction.together(twin, [reduced]) for reduced, _ in above]
     return reduction, concurrently(look, [reduced for reduced in again if reduced is not None])
 
 
-def _as_fitted(twin: TwinModel, looked_at: Sequence[tuple[Reduced, PartFit]]) -> TwinModel:
-    """The twin with what the groups' nuisances have come to: it moves more like the robot, whatever they stand for.
-
-    Accelerations of the measured motion are for the most part those of a prediction. One with half of a joint's
-    inertia puts a load on that joint itself that nothing explains.
-    """
+def _as_fitted(twin: TwinModel, looked_at: Sequence[tuple[Reduced, PartFit]]) -> dict[str, float]:
+    """What the groups' nuisances have come to, whatever they stand for: parameters of a twin, absolute, by name."""
     found: dict[str, float] = {}
     for _, part in looked_at:
         fitted = zip(part.base.problem.variables, part.base.point, strict=True)
         known = {v.name: v.value(float(unit)) for v, unit in fitted}
         found.update(factors(part.base.problem.variables, known))
-    values = {}
-    for name, factor in found.items():
-        ref = twin.parameter(name)
+    return {name: factor * twin.parameter(name).read(twin.model) for name, factor in found.items()}
+
+
+def _with_values(twin: TwinModel, values: Mapping[str, float]) -> TwinModel:
+    """A twin with parameters where fits have taken them: it moves more like the robot.
+
+    Accelerations of the measured motion are for the most part those of a prediction. One with half of a joint's
+    inertia puts a load on that joint itself that nothing explains.
+    """
+    within = {}
+    for name, value in values.items():
+        kind = twin.parameter(name).kind
         # a fit beside something that is missing goes anywhere, but not beyond what a model can have
-        values[name] = float(np.clip(factor * ref.read(twin.model), ref.kind.lower, ref.kind.upper))
-    return twin.changed(twin.terms.with_parameters(values))
+        within[name] = float(np.clip(value, kind.lower, kind.upper))
+    return twin.changed(twin.terms.with_parameters(within))
 
 
 def _above(
@@ -312,6 +319,7 @@ class _Hunt:
 
     twin: TwinModel
     reduction: Reduction
+    fitted: Mapping[str, float]
     seed: int
     say: Say
     most_effects: int
@@ -330,41 +338,80 @@ class _Hunt:
         while len(left) > 1:
             left.sort(key=lambda item: -float(item[1].times_floor.max()))
             reduced, part = left[0]
-            outcome = self._searched(part, reduced)
+            outcome = self._searched(twin, part, reduced)
             if not outcome.accepted or not outcome.explains:
                 break
             self.outcomes.append(outcome)
-            terms = twin.terms
-            for found in outcome.accepted:
-                terms = terms.with_effect(found.hypothesis.term(found.fit.values))
-            twin = twin.changed(terms)
+            twin = _with_found(twin, outcome)
             left = self._above(twin, [reduced for reduced, _ in left[1:]])
         if len(left) == 1:
             reduced, part = left[0]
-            self.outcomes.append(self._searched(part, reduced))
+            self.outcomes.append(self._searched(twin, part, reduced))
         elif left:
             whole = self.reduction.together(twin, [reduced for reduced, _ in left])
             if whole is None:
                 self.touching.append(left[0][0].name)
             else:
                 reduced, part = look(whole)
-                self.outcomes.append(self._searched(part, reduced))
+                self.outcomes.append(self._searched(twin, part, reduced))
 
     def _above(self, twin: TwinModel, groups: Sequence[Reduced]) -> list[tuple[Reduced, PartFit]]:
         """Those groups that are above the floor with what the twin now has."""
-        reduction = self.reduction.following(twin)
+        reduction = self.reduction.following(self._as_fitted(twin))
         again = [reduction.together(twin, [group]) for group in groups]
         looked_at = concurrently(look, [reduced for reduced in again if reduced is not None])
         return _above(looked_at, self.outcomes, self.seed, self.say, seen=True)
 
-    def _searched(self, part: PartFit, reduced: Reduced) -> Outcome:
+    def _as_fitted(self, twin: TwinModel, *outcomes: Outcome) -> TwinModel:
+        """A twin with effects, and what the nuisances have come to beside what was found, or where nothing was."""
+        values = dict(self.fitted)
+        for outcome in (*self.outcomes, *outcomes):
+            for found in outcome.accepted:
+                values.update(found.fit.moved)
+        return _with_values(twin, values)
+
+    def _searched(self, twin: TwinModel, part: PartFit, reduced: Reduced) -> Outcome:
         search = PartSearch(part, reduced, self.seed, self.say, self.most_effects, self.limit)
-        outcome = search.outcome()
+        begun = search.begun()
+        nearer = self._nearer(twin, begun, reduced)
+        if nearer is not None:
+            self.say("  once more, the whole robot moving as what was found says")
+            search, begun = replace(search, part=nearer[1], reduced=nearer[0]), None
+        outcome = search.outcome(begun)
         sound = part.within_floor and not (outcome.accepted or outcome.deviating or outcome.unfinished)
         if sound and outcome.left > 1.0:
             # it was looked at again for what the fitted motion leaves, and nothing takes that away
             outcome.within_floor = _by_parameters(reduced, search.validation, self.seed)
         return outcome
+
+
+    def _nearer(self, twin: TwinModel, begun: Progress, reduced: Reduced) -> tuple[Reduced, PartFit] | None:
+        """A part on the motion that follows from its first effect, where with that it leaves less of it; else None.
+
+        The measured motion of a joint that lacks much was smoothed by a wrong prediction: what its neighbours do to it
+        came out wrong, and no law explains that.
+        """
+        first = begun.outcome
+        if not (first.accepted and self.reduction.carries) or first.unfinished:
+            return None
+        if bool((begun.left <= FLOOR_CHI_SQUARE).all()) and not first.deviating:
+            return None
+        reduction = self.reduction.following(self._as_fitted(_with_found(twin, first), first))
+        again = reduction.together(twin, [reduced])
+        if again is None:
+            return None
+        terms = _with_found(again.twin, first)
+        fits = [found.fit for found in first.accepted]
+        beside = PartFit(terms, again.train, again.joints, after=fits[-1], found=fits)
+        return look(again) if beside.base.cost < GONE_FAR * begun.part.base.cost else None
+
+
+def _with_found(twin: TwinModel, outcome: Outcome) -> TwinModel:
+    """A twin with the effects that were found at a part."""
+    terms = twin.terms
+    for found in outcome.accepted:
+        terms = terms.with_effect(found.hypothesis.term(found.fit.values))
+    return twin.changed(terms)
 
 
 def _within_floor(part: PartFit, reduced: Reduced, seed: int, say: Say, *, seen: bool) -> Outcome | None:
