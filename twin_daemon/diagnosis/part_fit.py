@@ -10,6 +10,7 @@ import numpy as np
 
 from twin_daemon.diagnosis.candidates import Hypothesis
 from twin_daemon.diagnosis.fit import FirstFit, Fit, as_fit, moved_parameters, own_columns
+from twin_daemon.diagnosis.further_starts import begun_ends, box_moved, nominal_again, other_ends
 from twin_daemon.diagnosis.in_turn import by_motion, fitted_too
 from twin_daemon.diagnosis.thresholds import (
     ADEQUATE_FLOORS,
@@ -23,7 +24,6 @@ from twin_daemon.diagnosis.thresholds import (
     HARDLY_FURTHER,
     LEAST_SHARE_OF_ERROR,
     MOST_OF_EXCESS,
-    MOVED_SIGMA,
     NUISANCE_ROLLOUTS,
     SETTLED,
     SURE_FLOOR_SIGMA,
@@ -317,9 +317,10 @@ class PartFit:
     def full_fit(self, first: FirstFit, evaluations: int) -> Fit:
         """The fit on all motion, with the time step's error and all derivatives taken where it has come to.
 
-        Once more from where that has come to, if it has gone far; and once more with what may only have made up for
-        other values on the way put back: what began at an end of its range, where a law is simpler, what has come to
-        an end of it, where another law begins at the other, and nuisances that are far off.
+        Once more from where that has come to, if it has gone far, or to the end of what is near; and once more with
+        what may only have made up for other values on the way put back: what began at an end of its range, where a law
+        is simpler, what has come to an end of it, where another law begins at the other, and nuisances that are far
+        off.
         """
         return self.ended(first.hypothesis, first.problem, first.point, evaluations)
 
@@ -346,7 +347,12 @@ class PartFit:
         self, hypothesis: Hypothesis, problem: Posterior, point: np.ndarray, evaluations: int
     ) -> tuple[Posterior, Descent]:
         fit = self._descended(hypothesis, problem, point, evaluations)
-        for put_back in (_ends, _other_ends, _nominal):
+        while (begins := box_moved(fit)) is not None:
+            again = self._descended(hypothesis, *begins, evaluations)
+            if again.cost > GONE_FAR * fit.cost:
+                break
+            fit, problem = again, begins[0]
+        for put_back in (begun_ends, other_ends, nominal_again):
             point = put_back(fit)
             if not np.array_equal(point, fit.point):
                 again = self._descended(hypothesis, problem, point, evaluations)
@@ -423,39 +429,3 @@ def _adjusted(problem: Posterior, point: np.ndarray, information: np.ndarray) ->
     moved = np.clip(point + step, 0.0, 1.0)
     moved_rows = problem.residuals(moved[None])[0][:data]
     return moved if moved_rows @ moved_rows < rows @ rows else point
-
-
-def _ends(fit: Fit) -> np.ndarray:
-    """(p,) the fit's point with those of its effect's parameters that began at an end of their range back there."""
-    point = fit.point.copy()
-    for index, variable in fit.own_variables:
-        begun = variable.coordinate(variable.start)
-        if begun in (0.0, 1.0):
-            point[index] = begun
-    return point
-
-
-def _other_ends(fit: Fit) -> np.ndarray:
-    """(p,) the fit's point with those of its effect's shares that have come to one end of their range at the other.
-
-    Between friction that holds and friction that creeps at rest no slope leads from one to the other.
-    """
-    point = fit.point.copy()
-    for index, variable in fit.own_variables:
-        if (variable.lower, variable.upper, variable.unit) == (0.0, 1.0, "1") and variable.at_bound(
-            variable.value(point[index])
-        ):
-            point[index] = np.round(1.0 - point[index])
-    return point
-
-
-def _nominal(fit: Fit) -> np.ndarray:
-    """(p,) the fit's point with the nuisances back where they start, if any has gone further than most should.
-
-    They may have stood in for the effect before it was there, and a descent ends where they hold each other.
-    """
-    deviations, variables = fit.deviations, fit.problem.variables
-    own = [variable.prior is None for variable in variables]
-    if all(o or abs(deviations[v.name]) < MOVED_SIGMA for o, v in zip(own, variables, strict=True)):
-        return fit.point
-    return np.where(own, fit.point, fit.problem.start)

@@ -384,7 +384,6 @@ class _Hunt:
             outcome.within_floor = _by_parameters(reduced, search.validation, self.seed)
         return outcome
 
-
     def _nearer(self, twin: TwinModel, begun: Progress, reduced: Reduced) -> tuple[Reduced, PartFit] | None:
         """A part on the motion that follows from its first effect, where with that it leaves less of it; else None.
 
