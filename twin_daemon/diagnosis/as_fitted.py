@@ -1,0 +1,58 @@
+"""The robot moving as it was fitted: what the measured motion of the others does to a group is computed from that."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from twin_daemon.diagnosis.part_fit import PartFit
+from twin_daemon.diagnosis.shared import look
+from twin_daemon.estimation.nuisances import factors
+from twin_daemon.estimation.partition import Reduced, Reduction
+from twin_daemon.executor import concurrently
+from twin_daemon.simulation.twin import TwinModel
+
+
+def links_uncertain(twin: TwinModel) -> bool:
+    """Whether links may be heavier or lighter than the model has them."""
+    return twin.hand.description.nominal_uncertainty.mass > 0.0
+
+
+def closer(
+    twin: TwinModel,
+    reduction: Reduction,
+    looked_at: Sequence[tuple[Reduced, PartFit]],
+    above: Sequence[tuple[Reduced, PartFit]],
+) -> tuple[Reduction, list[tuple[Reduced, PartFit]]]:
+    """(the reduction with the others moving as they were fitted and with what costs most, that links may be heavier;
+    the groups above the floor fitted anew on that).
+    """
+    reduction = reduction.following(with_values(twin, as_fitted(twin, looked_at)))
+    reduction = reduction.with_link_masses(twin) if links_uncertain(twin) else reduction
+    again = [reduction.together(twin, [reduced]) for reduced, _ in above]
+    return reduction, concurrently(look, [reduced for reduced in again if reduced is not None])
+
+
+def as_fitted(twin: TwinModel, looked_at: Sequence[tuple[Reduced, PartFit]]) -> dict[str, float]:
+    """What the groups' nuisances have come to, whatever they stand for: parameters of a twin, absolute, by name."""
+    found: dict[str, float] = {}
+    for _, part in looked_at:
+        fitted = zip(part.base.problem.variables, part.base.point, strict=True)
+        known = {v.name: v.value(float(unit)) for v, unit in fitted}
+        found.update(factors(part.base.problem.variables, known))
+    return {name: factor * twin.parameter(name).read(twin.model) for name, factor in found.items()}
+
+
+def with_values(twin: TwinModel, values: Mapping[str, float]) -> TwinModel:
+    """A twin with parameters where fits have taken them: it moves more like the robot.
+
+    Accelerations of the measured motion are for the most part those of a prediction. One with half of a joint's
+    inertia puts a load on that joint itself that nothing explains.
+    """
+    within = {}
+    for name, value in values.items():
+        kind = twin.parameter(name).kind
+        # a fit beside something that is missing goes anywhere, but not beyond what a model can have
+        within[name] = float(np.clip(value, kind.lower, kind.upper))
+    return twin.changed(twin.terms.with_parameters(within))

@@ -1,0 +1,150 @@
+"""Causes that all servos or joints have: looked for before, behind and after what each group says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from twin_daemon.diagnosis.all_servos import of_all_servos
+from twin_daemon.diagnosis.conclude import Outcome
+from twin_daemon.diagnosis.floor_check import within_floor
+from twin_daemon.diagnosis.part_fit import PartFit
+from twin_daemon.diagnosis.selection import Say
+from twin_daemon.diagnosis.shared import Shared, SharedSearch, look
+from twin_daemon.diagnosis.shared_cause import SharedCause, shared_causes
+from twin_daemon.diagnosis.thresholds import CLOSER_LOOK, DEVIATING_SIGMA, OF_ALL_LEFT
+from twin_daemon.diagnosis.verdict import Finding
+from twin_daemon.effects import LIBRARY
+from twin_daemon.estimation.nuisances import NOMINAL_KINDS
+from twin_daemon.estimation.partition import Reduced, Reduction
+from twin_daemon.executor import TimeLimit, concurrently
+from twin_daemon.places import ROBOT
+from twin_daemon.simulation.terms import EffectTerm
+from twin_daemon.simulation.twin import TwinModel
+
+_DELAY = "delay"  # what is uncertain about the time of all commands of a recording
+
+
+def of_all(
+    twin: TwinModel,
+    reduction: Reduction,
+    begun: Sequence[tuple[Reduced, PartFit]],
+    limit: TimeLimit,
+    seed: int,
+    say: Say,
+) -> Shared | None:
+    """One cause that all servos or joints have, before anything else is fitted; None where it is not as clear as that.
+
+    A late bus is felt by every group, and what is uncertain about each would be fitted in vain.
+    """
+    if 2 * sum(not part.within_floor for _, part in begun) <= len(begun):
+        return None
+    search = SharedSearch(twin, reduction, begun)
+    chosen = search.above(CLOSER_LOOK)
+    if len(chosen) < 2 or 2 * len(chosen) <= len(begun):
+        return None
+    above = [begun[i] for i in chosen]
+    joints = [reduced.joints for reduced, _ in above]
+    causes = [cause for cause in shared_causes(twin, joints, everywhere=True) if cause.target == ROBOT]
+    found = search.only(chosen).best(causes, limit, seed, most_left=OF_ALL_LEFT)
+    if found is not None:
+        say(f"{found.finding.name} explains {len(found.looked_at)} of {len(above)} groups above the floor")
+    return found
+
+
+def behind_all(
+    twin: TwinModel,
+    reduction: Reduction,
+    above: Sequence[tuple[Reduced, PartFit]],
+    groups: int,
+    limit: TimeLimit,
+    seed: int,
+    say: Say,
+) -> Shared | None:
+    """One cause behind all groups above the floor: cheaper than one each, so it is tried first."""
+    joints = [reduced.joints for reduced, _ in above]
+    causes = shared_causes(twin, joints, everywhere=2 * len(above) > groups)
+    found = SharedSearch(twin, reduction, above).best(causes, limit, seed)
+    if found is not None:
+        say(f"{found.finding.name} explains {len(found.looked_at)} of {len(above)} groups above the floor")
+    return found
+
+
+def in_common(
+    twin: TwinModel,
+    reduction: Reduction,
+    looked_at: Sequence[tuple[Reduced, PartFit]],
+    limit: TimeLimit,
+    seed: int,
+    say: Say,
+) -> Shared | None:
+    """A cause of all servos or joints that no group alone would speak of; None where there is none.
+
+    One gain may be three sigma off. Eleven that are three sigma off the same way are a supply that sags: under what is
+    known of nominal values their mean has a sigma of one over the root of eleven. A weak servo without gravity looks
+    like one with more to move, and a late bus like damping, so that whatever is off asks for all of them.
+    """
+    if not any(_off_the_same_way(looked_at, kind) for kind in (*NOMINAL_KINDS, _DELAY)):
+        return None
+    causes = [SharedCause(effect, ROBOT) for effect in LIBRARY.values() if effect.shared in ("servos", "joints")]
+    shared = SharedSearch(twin, reduction, looked_at).best(causes, limit, seed)
+    if shared is None:
+        return None
+    say(f"{shared.finding.name}: nominal values of all groups are off the same way")
+    return shared
+
+
+def _off_the_same_way(looked_at: Sequence[tuple[Reduced, PartFit]], kind: str) -> bool:
+    """Whether the nominal values of a kind ("kp", "damping", ...) are off by more than each on its own may be."""
+    found = [sigma for _, part in looked_at for name, sigma in part.base.deviations.items() if kind in name.split(".")]
+    return len(found) > 1 and abs(sum(found)) > DEVIATING_SIGMA * len(found) ** 0.5
+
+
+def with_everywhere(group: Reduced, finding: Finding) -> Reduced:
+    term = EffectTerm(effect=finding.effect, target=ROBOT, values=finding.values)
+    return replace(group, twin=group.twin.changed(group.twin.terms.with_effect(term)))
+
+
+def at_all(
+    finding: Finding, groups: Sequence[Reduced], outcomes: list[Outcome], seed: int, say: Say
+) -> tuple[Finding, list[tuple[Reduced, PartFit]]]:
+    """(a cause with all groups that have it, the groups at which something is missing beside it).
+
+    A cause that all servos or joints have is theirs, too, at which it hardly shows, or beside which they have one of
+    their own. What their nominal values stood in for is taken back in `outcomes`.
+    """
+    if finding.target != ROBOT:
+        return finding, []
+    changed = [with_everywhere(group, finding) for group in groups]
+    known = {outcome.joints: place for place, outcome in enumerate(outcomes)}
+    theirs: list[str] = []
+    above: list[tuple[Reduced, PartFit]] = []
+    for reduced, part in concurrently(look, changed):
+        outcome = within_floor(part, reduced, seed, say, seen=True)
+        if outcome is None and part.joints in known:
+            continue  # sound without it, and not with it
+        theirs += part.joints
+        if outcome is None:
+            above.append((reduced, part))
+        elif part.joints in known:
+            outcomes[known[part.joints]] = outcome
+        else:
+            outcomes.append(outcome)
+    return finding.model_copy(update={"joints": (*finding.joints, *theirs)}), above
+
+
+def said_once(
+    groups: Sequence[Reduced], outcomes: Sequence[Outcome], seed: int, say: Say
+) -> tuple[Finding, list[Outcome]] | None:
+    """(a cause that was found at one servo after another and that all others have as well, the outcomes without it)."""
+    found = of_all_servos(outcomes)
+    if found is None:
+        return None
+    finding, left = found[0], list(found[1])
+    rest = [group for group in groups if not set(group.joints) <= set(finding.joints)]
+    everywhere, above = at_all(finding, rest, left, seed, say)
+    # what is above the floor with it would have to be searched again: one at each servo says no less
+    if above or any(not set(group.joints) <= set(everywhere.joints) for group in rest):
+        return None
+    say(f"{finding.name}: found at one servo after another, with one value for all")
+    return everywhere, left

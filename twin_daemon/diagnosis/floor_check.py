@@ -1,0 +1,73 @@
+"""Which groups of joints are at the floor of their sensors, and at which something is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from twin_daemon.diagnosis.conclude import Outcome
+from twin_daemon.diagnosis.far_off import deviating
+from twin_daemon.diagnosis.part_fit import PartFit
+from twin_daemon.diagnosis.part_search import begun_outcome
+from twin_daemon.diagnosis.power import undetectable
+from twin_daemon.diagnosis.screening import Screening
+from twin_daemon.diagnosis.selection import Say
+from twin_daemon.diagnosis.shared import look
+from twin_daemon.diagnosis.validation import Validation
+from twin_daemon.estimation.partition import Reduced
+
+
+def above_floor(
+    looked_at: Sequence[tuple[Reduced, PartFit]], outcomes: list[Outcome], seed: int, say: Say, *, seen: bool = False
+) -> list[tuple[Reduced, PartFit]]:
+    """The groups at which something is missing; what the others say is added to `outcomes`.
+
+    `seen` says that a group has moved richly enough for the robot to be called sound; otherwise these have to.
+    """
+    found = []
+    for reduced, part in sorted(looked_at, key=lambda item: float(item[1].times_floor.max())):
+        rich = seen or any(o.within_floor and not o.undetectable for o in outcomes)
+        outcome = within_floor(part, reduced, seed, say, seen=rich)
+        if outcome is None:
+            found.append((reduced, part))
+        else:
+            outcomes.append(outcome)
+    return found
+
+
+def within_floor(part: PartFit, reduced: Reduced, seed: int, say: Say, *, seen: bool) -> Outcome | None:
+    """What a group says at which nothing is missing; None where something is.
+
+    `seen` says that another one has moved richly enough for the robot to be called sound.
+    """
+    outcome = begun_outcome(reduced, part)
+    said = f"{', '.join(part.joints)}: {part.times_floor.max():.1f} times the floor, nominal values being uncertain"
+    if not part.within_floor or outcome.deviating:
+        say(said)
+        return None
+    validation = Validation(part, reduced.holdout, seed=seed)
+    outcome.left = validation.judge(part.base).adequacy
+    if part.plainly_sound and (outcome.left > 1.0 or not seen):
+        # what it might have shown, or shows on held-out motion, is said of a group with all that is uncertain fitted
+        return within_floor(look(reduced)[1], reduced, seed, say, seen=seen)
+    outcome.undetectable = undetectable(part) if outcome.left > 1.0 or not seen else []
+    say(said)
+    if part.worth_a_look and Screening(part).promising():
+        return None
+    # what only held-out motion shows is looked for where the other motion can show it
+    if outcome.left <= 1.0 or outcome.undetectable or by_parameters(reduced, validation, seed):
+        outcome.within_floor = True
+        return outcome
+    return None
+
+
+def by_parameters(reduced: Reduced, validation: Validation, seed: int) -> bool:
+    """Whether parameters within their uncertainty explain the held-out motion as well: fitted to the end, or to all.
+
+    A short recording leaves them loose: what they then get wrong on other motion is no effect.
+    """
+    for recordings in (reduced.train, [*reduced.train, *reduced.holdout]):
+        part = PartFit(reduced.twin, recordings, reduced.joints, thoroughly=True)
+        left = Validation(part, reduced.holdout, seed=seed, first=validation).judge(part.base).adequacy
+        if part.within_floor and left <= 1.0 and not deviating(part):
+            return True
+    return False

@@ -1,0 +1,126 @@
+"""The search of groups that feel each other: the worst first, and the others anew with what was found there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from twin_daemon.diagnosis.as_fitted import with_values
+from twin_daemon.diagnosis.conclude import Outcome
+from twin_daemon.diagnosis.floor_check import above_floor, by_parameters
+from twin_daemon.diagnosis.part_fit import PartFit
+from twin_daemon.diagnosis.part_search import PartSearch, Progress
+from twin_daemon.diagnosis.selection import Say
+from twin_daemon.diagnosis.shared import look
+from twin_daemon.diagnosis.thresholds import GONE_FAR
+from twin_daemon.estimation.partition import Reduced, Reduction
+from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
+from twin_daemon.executor import TimeLimit, concurrently
+from twin_daemon.simulation.submodel import linked
+from twin_daemon.simulation.twin import TwinModel
+
+
+def units(twin: TwinModel, above: Sequence[tuple[Reduced, PartFit]]) -> list[list[tuple[Reduced, PartFit]]]:
+    """The groups that are searched together: what happens at one joint is felt by those that carry it."""
+    units = [[above[i] for i in members] for members in linked(twin, [r.joints for r, _ in above])]
+    return sorted(units, key=lambda unit: -max(float(part.times_floor.max()) for _, part in unit))
+
+
+@dataclass(frozen=True)
+class UnitSearch:
+    """The search for effects at groups above the floor. What they say is added to `outcomes` as it is known."""
+
+    twin: TwinModel
+    reduction: Reduction
+    fitted: Mapping[str, float]
+    seed: int
+    say: Say
+    most_effects: int
+    limit: TimeLimit
+    outcomes: list[Outcome]
+    touching: list[str]
+
+    def search(self, unit: Sequence[tuple[Reduced, PartFit]]) -> None:
+        """Searches groups that feel each other one after another, the worst first.
+
+        What is found at the worst one often is all: its neighbours were told a wrong motion of it, or a wrong load. So
+        they are looked at anew with it. Where no effect of one group explains it, all that are left are searched as
+        one.
+        """
+        twin, left = self.twin, list(unit)
+        while len(left) > 1:
+            left.sort(key=lambda item: -float(item[1].times_floor.max()))
+            reduced, part = left[0]
+            outcome = self._searched(twin, part, reduced)
+            if not outcome.accepted or not outcome.explains:
+                break
+            self.outcomes.append(outcome)
+            twin = _with_found(twin, outcome)
+            left = self._above(twin, [reduced for reduced, _ in left[1:]])
+        if len(left) == 1:
+            reduced, part = left[0]
+            self.outcomes.append(self._searched(twin, part, reduced))
+        elif left:
+            whole = self.reduction.together(twin, [reduced for reduced, _ in left])
+            if whole is None:
+                self.touching.append(left[0][0].name)
+            else:
+                reduced, part = look(whole)
+                self.outcomes.append(self._searched(twin, part, reduced))
+
+    def _above(self, twin: TwinModel, groups: Sequence[Reduced]) -> list[tuple[Reduced, PartFit]]:
+        """Those groups that are above the floor with what the twin now has."""
+        reduction = self.reduction.following(self._as_fitted(twin))
+        again = [reduction.together(twin, [group]) for group in groups]
+        looked_at = concurrently(look, [reduced for reduced in again if reduced is not None])
+        return above_floor(looked_at, self.outcomes, self.seed, self.say, seen=True)
+
+    def _as_fitted(self, twin: TwinModel, *outcomes: Outcome) -> TwinModel:
+        """A twin with effects, and what the nuisances have come to beside what was found, or where nothing was."""
+        values = dict(self.fitted)
+        for outcome in (*self.outcomes, *outcomes):
+            for found in outcome.accepted:
+                values.update(found.fit.moved)
+        return with_values(twin, values)
+
+    def _searched(self, twin: TwinModel, part: PartFit, reduced: Reduced) -> Outcome:
+        search = PartSearch(part, reduced, self.seed, self.say, self.most_effects, self.limit)
+        begun = search.begun()
+        nearer = self._nearer(twin, begun, reduced)
+        if nearer is not None:
+            self.say("  once more, the whole robot moving as what was found says")
+            search, begun = replace(search, part=nearer[1], reduced=nearer[0]), None
+        outcome = search.outcome(begun)
+        sound = part.within_floor and not (outcome.accepted or outcome.deviating or outcome.unfinished)
+        if sound and outcome.left > 1.0:
+            # it was looked at again for what the fitted motion leaves, and nothing takes that away
+            outcome.within_floor = by_parameters(reduced, search.validation, self.seed)
+        return outcome
+
+    def _nearer(self, twin: TwinModel, begun: Progress, reduced: Reduced) -> tuple[Reduced, PartFit] | None:
+        """A part on the motion that follows from its first effect, where with that it leaves less of it; else None.
+
+        The measured motion of a joint that lacks much was smoothed by a wrong prediction: what its neighbours do to it
+        came out wrong, and no law explains that.
+        """
+        first = begun.outcome
+        if not (first.accepted and self.reduction.carries) or first.unfinished:
+            return None
+        if bool((begun.left <= FLOOR_CHI_SQUARE).all()) and not first.deviating:
+            return None
+        reduction = self.reduction.following(self._as_fitted(_with_found(twin, first), first))
+        again = reduction.together(twin, [reduced])
+        if again is None:
+            return None
+        terms = _with_found(again.twin, first)
+        fits = [found.fit for found in first.accepted]
+        beside = PartFit(terms, again.train, again.joints, after=fits[-1], found=fits)
+        return look(again) if beside.base.cost < GONE_FAR * begun.part.base.cost else None
+
+
+def _with_found(twin: TwinModel, outcome: Outcome) -> TwinModel:
+    """A twin with the effects that were found at a part."""
+    terms = twin.terms
+    for found in outcome.accepted:
+        terms = terms.with_effect(found.hypothesis.term(found.fit.values))
+    return twin.changed(terms)
