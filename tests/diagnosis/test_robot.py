@@ -9,7 +9,8 @@ import pytest
 from tests.diagnosis.conftest import called
 from tests.diagnosis.rig import DELAY_S, LAZY, SERVOS, changed_rig, late_rig
 from twin_daemon.cli.app import main
-from twin_daemon.diagnosis.shared import SharedSearch, at_nominal
+from twin_daemon.diagnosis.group import at_nominal
+from twin_daemon.diagnosis.shared import SharedSearch
 from twin_daemon.diagnosis.shared_cause import SharedCause
 from twin_daemon.effects import LIBRARY
 from twin_daemon.errors import BadInput

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from twin_daemon.diagnosis.group import look
 from twin_daemon.diagnosis.part_fit import PartFit
-from twin_daemon.diagnosis.shared import look
 from twin_daemon.estimation.nuisances import factors
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.executor import concurrently

@@ -8,9 +8,10 @@ from dataclasses import replace
 from twin_daemon.diagnosis.all_servos import of_all_servos
 from twin_daemon.diagnosis.conclude import Outcome
 from twin_daemon.diagnosis.floor_check import within_floor
+from twin_daemon.diagnosis.group import look
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.selection import Say
-from twin_daemon.diagnosis.shared import Shared, SharedSearch, look
+from twin_daemon.diagnosis.shared import Shared, SharedSearch
 from twin_daemon.diagnosis.shared_cause import SharedCause, shared_causes
 from twin_daemon.diagnosis.thresholds import CLOSER_LOOK, DEVIATING_SIGMA, OF_ALL_LEFT
 from twin_daemon.diagnosis.verdict import Finding

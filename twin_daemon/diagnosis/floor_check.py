@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 from twin_daemon.diagnosis.conclude import Outcome
 from twin_daemon.diagnosis.far_off import deviating
+from twin_daemon.diagnosis.group import look
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.part_search import begun_outcome
 from twin_daemon.diagnosis.power import undetectable
 from twin_daemon.diagnosis.screening import Screening
 from twin_daemon.diagnosis.selection import Say
-from twin_daemon.diagnosis.shared import look
 from twin_daemon.diagnosis.validation import Validation
 from twin_daemon.estimation.partition import Reduced
 

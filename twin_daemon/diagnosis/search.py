@@ -9,10 +9,11 @@ from twin_daemon.diagnosis.as_fitted import as_fitted, closer, links_uncertain
 from twin_daemon.diagnosis.conclude import Outcome, conclude, nothing_moves
 from twin_daemon.diagnosis.everywhere import at_all, behind_all, in_common, of_all, said_once, with_everywhere
 from twin_daemon.diagnosis.floor_check import above_floor
+from twin_daemon.diagnosis.group import at_nominal, look
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.part_search import begun_outcome
 from twin_daemon.diagnosis.selection import Say
-from twin_daemon.diagnosis.shared import Shared, at_nominal, look
+from twin_daemon.diagnosis.shared import Shared
 from twin_daemon.diagnosis.thresholds import MOST_EFFECTS
 from twin_daemon.diagnosis.unit_search import UnitSearch, units
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding

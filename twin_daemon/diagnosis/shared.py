@@ -13,34 +13,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin_daemon.diagnosis.far_off import beyond_any_hand, needed
+from twin_daemon.diagnosis.group import GroupRows, at_nominal, look
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.probability import posterior
-from twin_daemon.diagnosis.screening import over_some
 from twin_daemon.diagnosis.shared_cause import SharedCause
+from twin_daemon.diagnosis.shared_check import passing
 from twin_daemon.diagnosis.thresholds import (
     COMPARABLE,
     DECISIVE_NATS,
-    RELATIVE_ERROR,
-    SCREENED_S,
     SHARED_FINALISTS,
     SHARED_HALVINGS,
-    SHARED_NEARER,
     SHARED_SETTLED_NATS,
     SHARED_SHARES,
     SHARED_STEPS,
     SHARED_TAKEN,
 )
-from twin_daemon.diagnosis.validation import Validation
 from twin_daemon.diagnosis.verdict import Finding
 from twin_daemon.errors import BadInput
 from twin_daemon.estimation.partition import Reduced, Reduction
-from twin_daemon.estimation.posterior import Posterior
-from twin_daemon.estimation.solvers.trust_region import Derivative, descend, differenced
 from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
 from twin_daemon.estimation.uncertainty import block_gain
-from twin_daemon.estimation.variables import Variable
-from twin_daemon.estimation.windows import spread
 from twin_daemon.executor import TimeLimit, concurrently
 from twin_daemon.simulation.submodel import linked
 from twin_daemon.simulation.terms import Terms
@@ -55,56 +47,6 @@ class Shared:
     posterior: Mapping[str, float]
     terms: Terms
     looked_at: list[tuple[Reduced, PartFit]]
-
-
-class _Group:
-    """One group with what its nuisances can do, to first order about their nominal values."""
-
-    def __init__(self, reduced: Reduced, part: PartFit) -> None:
-        self.reduced = reduced
-        self._part = part
-        self._kept = spread(reduced.train, SCREENED_S)
-        self._places = [next(i for i, r in enumerate(reduced.train) if r is piece) for piece in self._kept]
-        problem = Posterior(reduced.twin, reduced.train, part.variables, part.joints, part.floor)
-        chosen = problem.over([reduced.train[i] for i in self._places], self._variables(), ())
-        rows = chosen.residuals(chosen.start[None])[0]
-        slopes = differenced(chosen, chosen.start, rows, range(len(chosen.start)))
-        self._basis, _ = np.linalg.qr(slopes)
-        self.rows = self.left(rows)
-        self.floor_cost = chosen.effective_samples
-        self._problem, self._at_start, self._slopes = chosen, rows, slopes
-
-    def above(self, floors: float) -> bool:
-        """Whether the group leaves more than so many floors with what its nuisances can do.
-
-        What is far off nominal is not taken away to first order: the nuisances are moved by some steps then.
-        """
-        most = floors * self.floor_cost
-        if float(self.rows @ self.rows) <= most:
-            return False
-        moved = descend(
-            self._problem,
-            self._problem.start,
-            Derivative(self._problem, (), self._slopes),
-            evaluations=SHARED_NEARER,
-            enough=lambda _, left: float(left @ left) <= most,
-            begun=self._at_start,
-        )
-        return float(moved.rows @ moved.rows) > most
-
-    def _variables(self) -> tuple[Variable, ...]:
-        return over_some(self._part.variables, self.reduced.train, self._kept)
-
-    def left(self, rows: np.ndarray) -> np.ndarray:
-        """(m,) rows without what the nuisances can do."""
-        return rows - self._basis @ (self._basis.T @ rows)
-
-    def seen(self, changed: Reduced) -> np.ndarray:
-        """(m,) what is left of the group's rows with a cause in its model."""
-        pieces = [changed.train[i] for i in self._places]
-        variables = self._variables()
-        problem = Posterior(changed.twin, pieces, variables, self._part.joints, self._part.floor)
-        return self.left(problem.residuals(problem.start[None])[0])
 
 
 @dataclass(frozen=True)
@@ -125,7 +67,7 @@ class SharedSearch:
 
     def __init__(self, twin: TwinModel, reduction: Reduction, above: Sequence[tuple[Reduced, PartFit]]) -> None:
         self._twin, self._reduction, self._above = twin, reduction, list(above)
-        self._groups = concurrently(lambda item: _Group(*item), self._above)
+        self._groups = concurrently(lambda item: GroupRows(*item), self._above)
         self._nothing = np.concatenate([group.rows for group in self._groups])
 
     def only(self, chosen: Sequence[int]) -> SharedSearch:
@@ -314,19 +256,19 @@ class SharedSearch:
         found, slopes, there = self.settled(best, limit)
         cause, values = found.cause, found.values
         above, looked_at = self._above, there.beside(cause, values)
-        squares = _passing(above, looked_at, seed)
+        squares = passing(above, looked_at, seed)
         if None in squares and cause.effect.shared == "load":
             # a load ties the joints that carry it together, more than their measured motion can say of each other
             limit.check()
             above = self.joined(self._twin)
             looked_at = there.joined(self._twin.changed(cause.terms(self._twin, values)))
-            squares = _passing(above, looked_at, seed)
+            squares = passing(above, looked_at, seed)
         elif None in squares:
-            passing = [i for i, one in enumerate(squares) if one is not None]
+            right = [i for i, one in enumerate(squares) if one is not None]
             helped = all(new.base.cost < old.base.cost for (_, old), (_, new) in zip(above, looked_at, strict=True))
-            if helped and 2 * len(passing) > len(squares) > 2:
+            if helped and 2 * len(right) > len(squares) > 2:
                 # what most have all may have, and some something of their own beside it
-                return self.only(passing).best(causes, limit, seed)
+                return self.only(right).best(causes, limit, seed)
         if not squares or None in squares:
             return None
         before, after = (np.concatenate(both) for both in zip(*filter(None, squares), strict=True))
@@ -358,44 +300,3 @@ class SharedSearch:
             explanation=cause.effect.story.explanation,
         )
         return Shared(finding, shares, cause.terms(self._twin, values), looked_at)
-
-
-def _passing(
-    above: Sequence[tuple[Reduced, PartFit]], looked_at: Sequence[tuple[Reduced, PartFit]], seed: int
-) -> list[tuple[np.ndarray, np.ndarray] | None]:
-    """By group (n,) squared errors on held-out motion without and with a cause, in rad^2; None where it does not pass.
-
-    A right model leaves no more, and forces no uncertain value further off than any hand has it. Both are lists of the
-    same groups, the second with the cause in their models; empty where a group has too little motion in which it
-    touches nothing. Held-out motion is asked only where most groups pass on the fitted one.
-    """
-    both = list(zip(above, looked_at, strict=True)) if looked_at else []
-    passing = [_fits(old, new) for (_, old), (_, new) in both]
-    most = 2 * sum(passing) > len(passing)
-    return [_held_out(*two, seed) if fits and most else None for fits, two in zip(passing, both, strict=True)]
-
-
-def _fits(old: PartFit, new: PartFit) -> bool:
-    # of what nobody has fitted no share says anything
-    share = 0.0 if old.nominal else RELATIVE_ERROR
-    most = np.maximum(FLOOR_CHI_SQUARE, share * old.times_floor)
-    return not ((new.times_floor > most).any() or beyond_any_hand(needed(new, most)))
-
-
-def _held_out(
-    without: tuple[Reduced, PartFit], beside: tuple[Reduced, PartFit], seed: int
-) -> tuple[np.ndarray, np.ndarray] | None:
-    (reduced, old), (changed, new) = without, beside
-    before = Validation(old, reduced.holdout, seed=seed)
-    after = Validation(new, changed.holdout, seed=seed, first=None if old.nominal else before)
-    return (before.squares(), after.squares()) if after.judge(new.base).adequate else None
-
-
-def look(reduced: Reduced, begun: PartFit | None = None) -> tuple[Reduced, PartFit]:
-    """A group with the fit of what is uncertain about it; `begun` is the group as it is at nominal values."""
-    return reduced, PartFit(reduced.twin, reduced.train, reduced.joints, begun=begun)
-
-
-def at_nominal(reduced: Reduced) -> tuple[Reduced, PartFit]:
-    """A group with all that is uncertain about it at its nominal value."""
-    return reduced, PartFit(reduced.twin, reduced.train, reduced.joints, nominal=True)

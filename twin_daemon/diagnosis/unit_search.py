@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from twin_daemon.diagnosis.as_fitted import with_values
 from twin_daemon.diagnosis.conclude import Outcome
 from twin_daemon.diagnosis.floor_check import above_floor, by_parameters
+from twin_daemon.diagnosis.group import look
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.part_search import PartSearch, Progress
 from twin_daemon.diagnosis.selection import Say
-from twin_daemon.diagnosis.shared import look
 from twin_daemon.diagnosis.thresholds import GONE_FAR
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
