@@ -14,7 +14,7 @@ from functools import cached_property
 
 import mujoco
 import numpy as np
-from scipy.signal import savgol_filter
+from scipy.signal import oaconvolve, savgol_coeffs, savgol_filter
 
 from twin_daemon.effects.base import Measurement
 from twin_daemon.simulation.alignment import Aligned, predict
@@ -26,6 +26,7 @@ _FASTEST_S = (
 )
 _LEAST_WINDOW = 5
 _FINER = 4.0  # times the model's own step: what that gets wrong of an acceleration is a load on the neighbours
+_DOUBLED = 5  # times that the shortest window of an average may be doubled
 _SHIFTS = 8  # linear steps to the delay of a prediction: three are enough where it is less than a servo's time
 _LEAST_MISSED = 1e-16  # rad^2
 
@@ -72,9 +73,12 @@ def measured_motion(twin: TwinModel, recording: Aligned, stirring: np.ndarray) -
             still = float(np.nanmean(column)) if known.any() else float(twin.model.qpos0[twin.qpos_adr[joint]])
             position[:, :, joint] = np.array([still, 0.0, 0.0])[:, None]
             continue
-        missed = np.interp(grid, recording.time_s[known], column[known]) - predicted[:, joint]
-        window = 2.0 * max(response_time_s(twin, twin.joints[joint]), _LEAST_WINDOW * period)
-        samples = min(2 * int(0.5 * window / dt) + 1, 2 * ((len(grid) - 1) // 2) - 1)
+        read_s = recording.time_s[known]
+        beyond = column[known] - np.interp(read_s, grid, predicted[:, joint])
+        missed = np.interp(grid, read_s, beyond)
+        least_s = 2.0 * max(response_time_s(twin, twin.joints[joint]), _LEAST_WINDOW * period)
+        window_s = _window_s(read_s, beyond, grid, least_s)
+        samples = min(2 * int(0.5 * window_s / dt) + 1, 2 * ((len(grid) - 1) // 2) - 1)
         for order in range(3):
             smooth = missed if samples < 5 else savgol_filter(missed, samples, 3, deriv=order, delta=dt)
             own = predicted[:, joint]
@@ -82,6 +86,30 @@ def measured_motion(twin: TwinModel, recording: Aligned, stirring: np.ndarray) -
                 own = np.gradient(own, dt)
             position[order, :, joint] = own + (smooth if samples >= 5 or order == 0 else 0.0)
     return Motion(grid, *position)
+
+
+def _window_s(time_s: np.ndarray, missed: np.ndarray, grid: np.ndarray, least_s: float) -> float:
+    """s: over how long what a prediction misses (n,) at times (n,) is averaged: the best for readings left out.
+
+    Each half of the readings, every second one, is told by the other half. A prediction that is right misses nothing
+    but noise, and the longer the average the less of that is differentiated twice.
+    """
+    step_s = float(np.median(np.diff(time_s)))
+    even = np.arange(time_s[0], time_s[-1], step_s)
+    lengths = [2 * int(0.5 * least_s * 2**doubled / step_s) + 1 for doubled in range(_DOUBLED + 1)]
+    lengths = [samples for samples in lengths if 5 <= samples < len(even) // 2]
+    if len(lengths) < 2:
+        return least_s
+    # all are judged where the longest has readings on both sides
+    inside = np.abs(time_s - 0.5 * (even[0] + even[-1])) < 0.5 * (even[-1] - even[0] - lengths[-1] * step_s)
+    sizes = np.zeros(len(lengths))
+    for first in (0, 1):
+        told = np.interp(even, time_s[first::2], missed[first::2])
+        judged = inside & (np.arange(len(time_s)) % 2 != first)
+        for row, samples in enumerate(lengths):
+            smooth = oaconvolve(told, savgol_coeffs(samples, 3), "same")
+            sizes[row] += ((np.interp(time_s[judged], even, smooth) - missed[judged]) ** 2).sum()
+    return least_s * 2.0 ** int(np.argmin(sizes))
 
 
 def _later(predicted: np.ndarray, grid: np.ndarray, time_s: np.ndarray, measured: np.ndarray) -> np.ndarray:
