@@ -13,10 +13,10 @@ import pytest
 from tests.diagnosis.conftest import JOINT, called
 from tests.simulation.made import FINGER
 from tests.simulation.made import recorded as moved_finger
+from twin_daemon.diagnosis.as_fitted import as_fitted, with_values
 from twin_daemon.diagnosis.conclude import Outcome, conclude
 from twin_daemon.diagnosis.fit import moved_parameters
 from twin_daemon.diagnosis.part_fit import PartFit
-from twin_daemon.diagnosis.search import _as_fitted
 from twin_daemon.estimation.nuisances import beside, factors, nuisance_variables
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.estimation.posterior import Posterior
@@ -102,7 +102,9 @@ def test_what_a_fit_beside_a_missing_effect_comes_to_is_still_a_model(twin: Twin
     smooth = twin.changed(Terms(parameters={name: 3.0 * least}))
     variable = ParameterVariable(name, "1", 1e-2, 1e2, 1.0, True, parameters=(name,), factor=True)
     fit = SimpleNamespace(problem=SimpleNamespace(variables=[variable]), point=np.zeros(1))
-    fitted = _as_fitted(smooth, [(cast("Reduced", None), cast("PartFit", SimpleNamespace(base=fit)))])
+    fitted = with_values(
+        smooth, as_fitted(smooth, [(cast("Reduced", None), cast("PartFit", SimpleNamespace(base=fit)))])
+    )
     assert fitted.parameter(name).read(fitted.model) == pytest.approx(least)
 
 
