@@ -46,12 +46,13 @@ class RateLimit(Effect):
     def suggested(self, scale: Scale, seen: Seen) -> tuple[dict[str, float], ...]:
         """The speeds that the joint reached: it stays at the limit for as long as the command is faster.
 
-        A joint that overshoots was faster than the limit for a moment, so that slower ones are suggested as well.
+        A joint that overshoots was faster than the limit for a moment, so that slower ones are suggested as well, and
+        faster ones, as a joint that takes longer to follow than the command to get there does not come to it.
         """
         if not seen.moving.size:
             return ()
         usual, fastest = (float(speed) for speed in np.quantile(seen.moving, (0.7, 0.99)))
-        return tuple({"rate": rate} for rate in (fastest, 0.7 * fastest, usual))
+        return tuple({"rate": rate} for rate in (2.2 * fastest, 1.5 * fastest, fastest, 0.7 * fastest, usual))
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
         return tuple({"rate": rate} for rate in (0.3, 1.0, 3.0))
