@@ -137,11 +137,15 @@ class Screening:
         found: list[Start] = []
         gaps = self._nominal_gaps if hypothesis.effect.reads_nominal_error else self._gaps
         hypothesis = informed(hypothesis, self._part.twin, self._part.recordings, self._part.joints, gaps)
+        turned = {v.name: v.value(u) for v, u in zip(self._part.variables, self._part.base.point, strict=True)}
+        freed = hypothesis.freed(self._part.twin, factors(self._part.variables, turned))
+        # what a nuisance has taken away is no more seen in the error: a fit may go as far as that has gone
+        suggested, hypothesis = hypothesis.starts, hypothesis.starting((*hypothesis.starts, *freed))
         spoken = hypothesis.speaks_for(self._part.twin)
         dropped = tuple(i for i, variable in enumerate(self._part.variables) if variable.name in spoken)
         own = self._part.group_of(hypothesis.target)
         groups = [group for group in (None, own) if group in self._anchors and not (dropped and group is None)]
-        for values in hypothesis.starts:
+        for values in suggested:
             with contextlib.suppress(BadInput):
                 changed = self._part.coarse.changed(self._part.coarse.terms.with_effect(hypothesis.term(values)))
                 problem = self._screening_problem(changed, self._part.variables, sorted(hypothesis.holds_offset()))
@@ -151,10 +155,8 @@ class Screening:
                     cost, amount = anchor.left(anchor.basis(dropped), change)
                     if np.isfinite(cost):
                         found.append(Start(hypothesis, hypothesis.along(values, amount), group, cost))
-        turned = {v.name: v.value(u) for v, u in zip(self._part.variables, self._part.base.point, strict=True)}
-        scales = factors(self._part.variables, turned)
         pull = sum(self._part.base.deviations[self._part.variables[i].name] ** 2 for i in dropped)
-        for values in hypothesis.freed(self._part.twin, scales):
+        for values in freed:
             found.append(Start(hypothesis, values, None, self.cost - pull))
         for joint in hypothesis.holds_offset():
             # elsewhere a small offset is free: its candidate begins where that has gone, from either point

@@ -254,6 +254,8 @@ class Effect(ABC):
     """Whether it only ever takes energy out of a motion."""
     stands_for: ClassVar[StandsFor | None] = None
     """What is uncertain about any nominal model and moves in its place: a fit of the effect holds it."""
+    as_nominal: ClassVar[Mapping[str, float]] = {}
+    """Values of the others at which its first parameter adds to what it stands for, and does nothing else."""
     excludes: ClassVar[tuple[str, ...]] = ()
     limit_of: ClassVar[tuple[str, ...]] = ()
     """Laws that become this one at a bound of theirs, where no position data tell them apart: these are named first."""

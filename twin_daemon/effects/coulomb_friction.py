@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -27,6 +27,7 @@ class CoulombFriction(Effect):
     acts_on = "joint"
     rank = 40
     stands_for = "frictionloss"
+    as_nominal: ClassVar[Mapping[str, float]] = {"sticking": 0.0}
     dissipative = True
     shared = "joints"
     everywhere = "share"
