@@ -81,6 +81,9 @@ class UnitSearch:
         for outcome in (*self.outcomes, *outcomes):
             for found in outcome.accepted:
                 values.update(found.fit.moved)
+                # what an effect speaks for is nominal beside it
+                for name in found.hypothesis.speaks_for(twin) - found.fit.moved.keys():
+                    values.pop(name, None)
         return with_values(twin, values)
 
     def _searched(self, twin: TwinModel, part: PartFit, reduced: Reduced) -> Outcome:
