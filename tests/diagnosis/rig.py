@@ -58,13 +58,14 @@ def changed_rig(
     key: str,
     values: Mapping[str, float],
     *beside: EffectTerm,
+    target: str = "robot",
     motion: Motion = _MOTION,
     noise_rad: float = 1e-4,
 ) -> tuple[Path, Path, Path]:
-    """(the rig's MJCF, a bag of one that has an effect everywhere and others `beside` it, another with other noise)."""
+    """(the rig's MJCF, a bag of one with an effect, everywhere or at a target, others `beside` it; one of other noise)."""
     model = rig_model(folder)
     twin = TwinModel.load(load_hand(model=model))
-    plant = twin.changed(Terms(effects=(EffectTerm(effect=key, target="robot", values=dict(values)), *beside)))
+    plant = twin.changed(Terms(effects=(EffectTerm(effect=key, target=target, values=dict(values)), *beside)))
     made = [recorded(plant, motion, np.random.default_rng(seed), seconds=6.0, noise_rad=noise_rad) for seed in (6, 7)]
     fit, other = (saved(one, folder / f"{number}.mcap") for number, one in enumerate(made))
     return model, fit, other

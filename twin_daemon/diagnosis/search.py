@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from twin_daemon.diagnosis.as_fitted import as_fitted, closer, links_uncertain
+from twin_daemon.diagnosis.common_delay import common_delay
 from twin_daemon.diagnosis.conclude import Outcome, conclude, nothing_moves
 from twin_daemon.diagnosis.everywhere import at_all, behind_all, in_common, of_all, said_once, with_everywhere
 from twin_daemon.diagnosis.floor_check import above_floor
@@ -60,8 +61,12 @@ def diagnose(
         begun = concurrently(at_nominal, [reduced for _, reduced in cut if reduced is not None])
         shared = of_all(twin, reduction, begun, limit, seed, say)
         looked_at = [] if shared else concurrently(_looked_at, begun)
-        above = above_floor(looked_at, outcomes, seed, say)
-        if above and (links_uncertain(twin) or reduction.carries):
+        late = common_delay([part for _, part in looked_at if part.within_floor])
+        if late is not None:
+            reduction = reduction.delayed(late.by_recording)
+        behind = [one for one in looked_at if late is not None and one[1] in late.late]
+        above = behind + above_floor([one for one in looked_at if one not in behind], outcomes, seed, say)
+        if above and (behind or links_uncertain(twin) or reduction.carries):
             reduction, again = closer(twin, reduction, looked_at, above)
             above = above_floor(again, outcomes, seed, say)
         else:

@@ -58,6 +58,8 @@ def nuisance_variables(twin: TwinModel, recordings: Sequence[Aligned], joints: S
 
 def _delay_sigma_s(recording: Aligned) -> float:
     """How well the time at which a command takes effect is known: within a cycle of the robot, where it is recorded."""
+    if recording.onset_sigma_s is not None:
+        return recording.onset_sigma_s
     if recording.onset_free:
         return FREE_ONSET_SIGMA_S
     return DELAY_CYCLES * float(np.median(np.diff(recording.time_s)))

@@ -136,6 +136,21 @@ class Reduction:
         other._paths, other._loads = [LinkPaths.along(twin, motion) for motion in other._motions or ()], {}
         return other
 
+    def delayed(self, known: Mapping[str, tuple[float, float]]) -> Reduction:
+        """The same where the commands of a recording, by its sha256, take effect so much later (s), with a sigma (s).
+
+        Those of other recordings come later by as much on average, and are known no better than before.
+        """
+        other = copy.copy(self)
+        mean_s = float(np.mean([delay_s for delay_s, _ in known.values()])) if known else 0.0
+
+        def later(recording: Aligned) -> Aligned:
+            delay_s, sigma_s = known.get(recording.recording.sha256, (mean_s, recording.onset_sigma_s))
+            return replace(recording, onset_s=recording.onset_s + delay_s, onset_sigma_s=sigma_s)
+
+        other._train, other._holdout = ([later(r) for r in some] for some in (self._train, self._holdout))
+        return other
+
     @property
     def carries(self) -> bool:
         """Whether any part that was cut feels joints outside it that move."""

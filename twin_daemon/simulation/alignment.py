@@ -35,7 +35,8 @@ class Aligned:
     `unhidden` (n, j) rad is all that was measured, where something is hidden: states that roll-outs may start from.
     `reaction` is what joints that a sub-model leaves out do to it. `turns` is the motion before time 0, where that is
     known. `start_sigma` (2, j) rad and rad/s is how well the start is known, `start_response` (s, n, j) rad what so
-    much of s positions and velocities does to the readings, where that is more than nothing.
+    much of s positions and velocities does to the readings, where that is more than nothing. `onset_sigma_s` is how
+    well the onset is known, where joints that agree on it have told that.
     """
 
     recording: Recording
@@ -52,6 +53,7 @@ class Aligned:
     turns: Turns | None = None
     start_sigma: np.ndarray | None = None
     start_response: np.ndarray | None = None
+    onset_sigma_s: float | None = None
 
     @property
     def states(self) -> np.ndarray:

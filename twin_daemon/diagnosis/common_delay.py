@@ -1,0 +1,95 @@
+"""The delay that all commands of a recording have in common, told by the groups of joints that agree on it.
+
+When the commands of a recording take effect is known to a cycle of the robot only. But it is one time for all joints:
+the ones that move as one delay says leave no such freedom to one that is later than all others.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin_daemon.diagnosis.part_fit import PartFit
+from twin_daemon.diagnosis.thresholds import DEVIATING_SIGMA
+from twin_daemon.estimation.solvers.trust_region import differenced
+from twin_daemon.estimation.variables import OnsetVariable
+from twin_daemon.executor import concurrently
+
+_STEP_SIGMA = 12.0**-0.5  # of a time step: a command is taken up at the next one, anywhere within it
+
+
+@dataclass(frozen=True)
+class CommonDelay:
+    """When all commands of each recording take effect, s by its sha256: (delay, sigma); `late` are the parts later."""
+
+    by_recording: Mapping[str, tuple[float, float]]
+    late: tuple[PartFit, ...]
+
+
+@dataclass(frozen=True)
+class _Said:
+    """What a part says of a recording's delay, s; `rounded_s` is how far two parts may differ by the model's step."""
+
+    part: PartFit
+    delay_s: float
+    sigma_s: float
+    rounded_s: float
+
+    def later_than(self, delay_s: float, sigma_s: float) -> float:
+        """By how many sigma it comes later."""
+        return (self.delay_s - delay_s) / float(np.linalg.norm([self.sigma_s, sigma_s, self.rounded_s]))
+
+
+def common_delay(parts: Sequence[PartFit]) -> CommonDelay | None:
+    """What the parts have in common where one of them is later than that; None where they agree, or tell too little.
+
+    Only later: no servo knows a command before it comes. Of two parts the earlier one counts, of more most have to
+    agree.
+    """
+    said: dict[str, list[_Said]] = defaultdict(list)
+    for found in concurrently(_said_by, parts):
+        for sha256, one in found.items():
+            said[sha256].append(one)
+    common: dict[str, tuple[float, float]] = {}
+    late: list[PartFit] = []
+    for sha256, each in said.items():
+        agreeing = _agreeing(each)
+        if not agreeing or len(agreeing) < min(2, len(each) - 1) or 2 * len(agreeing) < len(each):
+            continue
+        weights = np.array([one.sigma_s**-2 for one in agreeing])
+        mean = float(weights @ [one.delay_s for one in agreeing] / weights.sum())
+        sigma = float(weights.sum() ** -0.5)
+        common[sha256] = mean, float(np.hypot(sigma, agreeing[0].rounded_s))
+        late += [one.part for one in each if one.later_than(mean, sigma) > DEVIATING_SIGMA]
+    found = tuple(part for index, part in enumerate(late) if all(part is not earlier for earlier in late[:index]))
+    return CommonDelay(common, found) if found else None
+
+
+def _agreeing(said: Sequence[_Said]) -> list[_Said]:
+    """The largest set that one delay explains; of sets of one size the earliest."""
+    sets = []
+    for centre in said:
+        near = [one for one in said if abs(one.later_than(centre.delay_s, centre.sigma_s)) < DEVIATING_SIGMA]
+        sets.append((near, centre.delay_s))
+    return min(sets, key=lambda one: (-len(one[0]), one[1]))[0] if sets else []
+
+
+def _said_by(part: PartFit) -> dict[str, _Said]:
+    """By recording: one Gauss-Newton step from where a part's nuisances are, and how sure that is."""
+    problem, point = part.base.problem, part.base.point
+    rows = problem.residuals(point[None])[0]
+    slopes = differenced(problem, point, rows, range(len(point)))
+    covariance = np.linalg.pinv(slopes.T @ slopes)
+    moved = point - covariance @ (slopes.T @ rows)
+    rounded = _STEP_SIGMA * float(part.twin.model.opt.timestep)
+    found = {}
+    for index, variable in enumerate(problem.variables):
+        if isinstance(variable, OnsetVariable) and variable.recordings:
+            span = variable.upper - variable.lower
+            sha256 = part.recordings[variable.recordings[0]].recording.sha256
+            delay_s = variable.lower + span * float(moved[index])
+            found[sha256] = _Said(part, delay_s, span * float(covariance[index, index]) ** 0.5, rounded)
+    return found
