@@ -18,8 +18,6 @@ from twin_daemon.estimation.solvers.trust_region import differenced
 from twin_daemon.estimation.variables import OnsetVariable
 from twin_daemon.executor import concurrently
 
-_STEP_SIGMA = 12.0**-0.5  # of a time step: a command is taken up at the next one, anywhere within it
-
 
 @dataclass(frozen=True)
 class CommonDelay:
@@ -84,7 +82,8 @@ def _said_by(part: PartFit) -> dict[str, _Said]:
     slopes = differenced(problem, point, rows, range(len(point)))
     covariance = np.linalg.pinv(slopes.T @ slopes)
     moved = point - covariance @ (slopes.T @ rows)
-    rounded = _STEP_SIGMA * float(part.twin.model.opt.timestep)
+    # a command is taken up at the next time step, anywhere within it: the sigma of a uniform distribution
+    rounded = float(part.twin.model.opt.timestep) / 12.0**0.5
     found = {}
     for index, variable in enumerate(problem.variables):
         if isinstance(variable, OnsetVariable) and variable.recordings:
