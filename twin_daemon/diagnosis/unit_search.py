@@ -14,7 +14,6 @@ from twin_daemon.diagnosis.part_search import PartSearch, Progress
 from twin_daemon.diagnosis.selection import Say
 from twin_daemon.diagnosis.thresholds import GONE_FAR
 from twin_daemon.estimation.partition import Reduced, Reduction
-from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
 from twin_daemon.executor import TimeLimit, concurrently
 from twin_daemon.simulation.submodel import linked
 from twin_daemon.simulation.twin import TwinModel
@@ -101,15 +100,13 @@ class UnitSearch:
         return outcome
 
     def _nearer(self, twin: TwinModel, begun: Progress, reduced: Reduced) -> tuple[Reduced, PartFit] | None:
-        """A part on the motion that follows from its first effect, where with that it leaves less of it; else None.
+        """A part on the motion that follows from its first effect, if that is not all and leaves less there; else None.
 
         The measured motion of a joint that lacks much was smoothed by a wrong prediction: what its neighbours do to it
         came out wrong, and no law explains that.
         """
         first = begun.outcome
-        if not (first.accepted and self.reduction.carries) or first.unfinished:
-            return None
-        if bool((begun.left <= FLOOR_CHI_SQUARE).all()) and not first.deviating:
+        if begun.ended or not (first.accepted and self.reduction.carries):
             return None
         reduction = self.reduction.following(self._as_fitted(_with_found(twin, first), first))
         again = reduction.together(twin, [reduced])
