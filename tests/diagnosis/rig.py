@@ -62,7 +62,7 @@ def changed_rig(
     motion: Motion = _MOTION,
     noise_rad: float = 1e-4,
 ) -> tuple[Path, Path, Path]:
-    """(the rig's MJCF, a bag of one with an effect, everywhere or at a target, others `beside` it; one of other noise)."""
+    """(the rig's MJCF, a bag of one with an effect at its target and others `beside` it, another with other noise)."""
     model = rig_model(folder)
     twin = TwinModel.load(load_hand(model=model))
     plant = twin.changed(Terms(effects=(EffectTerm(effect=key, target=target, values=dict(values)), *beside)))
