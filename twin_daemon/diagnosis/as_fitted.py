@@ -30,8 +30,13 @@ def closer(
     """
     reduction = reduction.following(with_values(twin, as_fitted(twin, looked_at)))
     reduction = reduction.with_link_masses(twin) if links_uncertain(twin) else reduction
-    again = [reduction.together(twin, [reduced]) for reduced, _ in above]
-    return reduction, concurrently(look, [reduced for reduced in again if reduced is not None])
+    return reduction, looked_at_again(twin, reduction, [reduced for reduced, _ in above])
+
+
+def looked_at_again(twin: TwinModel, reduction: Reduction, groups: Sequence[Reduced]) -> list[tuple[Reduced, PartFit]]:
+    """Groups cut anew from a reduction, each with its fit; without those that touch something nearly all the time."""
+    again = [reduction.together(twin, [group]) for group in groups]
+    return concurrently(look, [reduced for reduced in again if reduced is not None])
 
 
 def as_fitted(twin: TwinModel, looked_at: Sequence[tuple[Reduced, PartFit]]) -> dict[str, float]:

@@ -47,6 +47,8 @@ def common_delay(parts: Sequence[PartFit]) -> CommonDelay | None:
     Only later: no servo knows a command before it comes. Of two parts the earlier one counts, of more most have to
     agree.
     """
+    if len(parts) < 2:  # what one says is later than nothing, and costs a derivative
+        return None
     said: dict[str, list[_Said]] = defaultdict(list)
     for found in concurrently(_said_by, parts):
         for sha256, one in found.items():

@@ -47,10 +47,7 @@ def of_all(
     above = [begun[i] for i in chosen]
     joints = [reduced.joints for reduced, _ in above]
     causes = [cause for cause in shared_causes(twin, joints, everywhere=True) if cause.target == ROBOT]
-    found = search.only(chosen).best(causes, limit, seed, most_left=OF_ALL_LEFT)
-    if found is not None:
-        say(f"{found.finding.name} explains {len(found.looked_at)} of {len(above)} groups above the floor")
-    return found
+    return _said(search.only(chosen).best(causes, limit, seed, most_left=OF_ALL_LEFT), len(above), say)
 
 
 def behind_all(
@@ -65,9 +62,13 @@ def behind_all(
     """One cause behind all groups above the floor: cheaper than one each, so it is tried first."""
     joints = [reduced.joints for reduced, _ in above]
     causes = shared_causes(twin, joints, everywhere=2 * len(above) > groups)
-    found = SharedSearch(twin, reduction, above).best(causes, limit, seed)
+    return _said(SharedSearch(twin, reduction, above).best(causes, limit, seed), len(above), say)
+
+
+def _said(found: Shared | None, above: int, say: Say) -> Shared | None:
+    """What was found of so many groups above the floor, once it has been said."""
     if found is not None:
-        say(f"{found.finding.name} explains {len(found.looked_at)} of {len(above)} groups above the floor")
+        say(f"{found.finding.name} explains {len(found.looked_at)} of {above} groups above the floor")
     return found
 
 

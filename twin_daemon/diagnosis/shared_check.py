@@ -8,9 +8,7 @@ import numpy as np
 
 from twin_daemon.diagnosis.far_off import beyond_any_hand, needed
 from twin_daemon.diagnosis.part_fit import PartFit
-from twin_daemon.diagnosis.thresholds import (
-    RELATIVE_ERROR,
-)
+from twin_daemon.diagnosis.thresholds import RELATIVE_ERROR
 from twin_daemon.diagnosis.validation import Validation
 from twin_daemon.estimation.partition import Reduced
 from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
@@ -26,9 +24,9 @@ def passing(
     touches nothing. Held-out motion is asked only where most groups pass on the fitted one.
     """
     both = list(zip(above, looked_at, strict=True)) if looked_at else []
-    passing = [_fits(old, new) for (_, old), (_, new) in both]
-    most = 2 * sum(passing) > len(passing)
-    return [_held_out(*two, seed) if fits and most else None for fits, two in zip(passing, both, strict=True)]
+    fitting = [_fits(old, new) for (_, old), (_, new) in both]
+    most = 2 * sum(fitting) > len(fitting)
+    return [_held_out(*two, seed) if fits and most else None for fits, two in zip(fitting, both, strict=True)]
 
 
 def _fits(old: PartFit, new: PartFit) -> bool:

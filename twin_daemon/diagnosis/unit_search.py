@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from twin_daemon.diagnosis.as_fitted import with_values
+from twin_daemon.diagnosis.as_fitted import looked_at_again, with_values
 from twin_daemon.diagnosis.conclude import Outcome
 from twin_daemon.diagnosis.floor_check import above_floor, by_parameters
 from twin_daemon.diagnosis.group import look
@@ -14,15 +14,15 @@ from twin_daemon.diagnosis.part_search import PartSearch, Progress
 from twin_daemon.diagnosis.selection import Say
 from twin_daemon.diagnosis.thresholds import GONE_FAR
 from twin_daemon.estimation.partition import Reduced, Reduction
-from twin_daemon.executor import TimeLimit, concurrently
+from twin_daemon.executor import TimeLimit
 from twin_daemon.simulation.submodel import linked
 from twin_daemon.simulation.twin import TwinModel
 
 
 def units(twin: TwinModel, above: Sequence[tuple[Reduced, PartFit]]) -> list[list[tuple[Reduced, PartFit]]]:
     """The groups that are searched together: what happens at one joint is felt by those that carry it."""
-    units = [[above[i] for i in members] for members in linked(twin, [r.joints for r, _ in above])]
-    return sorted(units, key=lambda unit: -max(float(part.times_floor.max()) for _, part in unit))
+    found = [[above[i] for i in members] for members in linked(twin, [r.joints for r, _ in above])]
+    return sorted(found, key=lambda unit: -max(float(part.times_floor.max()) for _, part in unit))
 
 
 @dataclass(frozen=True)
@@ -70,9 +70,7 @@ class UnitSearch:
     def _above(self, twin: TwinModel, groups: Sequence[Reduced]) -> list[tuple[Reduced, PartFit]]:
         """Those groups that are above the floor with what the twin now has."""
         reduction = self.reduction.following(self._as_fitted(twin))
-        again = [reduction.together(twin, [group]) for group in groups]
-        looked_at = concurrently(look, [reduced for reduced in again if reduced is not None])
-        return above_floor(looked_at, self.outcomes, self.seed, self.say, seen=True)
+        return above_floor(looked_at_again(twin, reduction, groups), self.outcomes, self.seed, self.say, seen=True)
 
     def _as_fitted(self, twin: TwinModel, *outcomes: Outcome) -> TwinModel:
         """A twin with effects, and what the nuisances have come to beside what was found, or where nothing was."""
