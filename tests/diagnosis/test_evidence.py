@@ -22,10 +22,11 @@ from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.estimation.posterior import Posterior
 from twin_daemon.estimation.solvers.trust_region import Descent, searched
 from twin_daemon.estimation.variables import ParameterVariable
+from twin_daemon.places import ROBOT
 from twin_daemon.signals.trajectory import Trajectory, load_trajectory
 from twin_daemon.simulation.alignment import align
 from twin_daemon.simulation.submodel import Part
-from twin_daemon.simulation.terms import Terms
+from twin_daemon.simulation.terms import EffectTerm, Terms
 from twin_daemon.simulation.twin import TwinModel
 
 
@@ -106,6 +107,17 @@ def test_what_a_fit_beside_a_missing_effect_comes_to_is_still_a_model(twin: Twin
         smooth, as_fitted(smooth, [(cast("Reduced", None), cast("PartFit", SimpleNamespace(base=fit)))])
     )
     assert fitted.parameter(name).read(fitted.model) == pytest.approx(least)
+
+
+def test_what_an_effect_multiplies_is_not_counted_twice_where_a_fit_has_come_to(twin: TwinModel) -> None:
+    name = f"{JOINT}.damping"
+    cold = EffectTerm(effect="viscous_friction", target=ROBOT, values={"damping": 0.0, "share": 1.0})
+    changed = twin.changed(Terms(effects=(cold,)))
+    variable = ParameterVariable(name, "1", 0.1, 1.0, 1.0, True, parameters=(name,), factor=True)
+    fit = SimpleNamespace(problem=SimpleNamespace(variables=[variable]), point=np.ones(1))
+    group = (cast("Reduced", None), cast("PartFit", SimpleNamespace(base=fit)))
+    fitted = with_values(changed, as_fitted(changed, [group]))
+    assert fitted.model.dof_damping == pytest.approx(changed.model.dof_damping)
 
 
 def test_a_pattern_search_gets_across_corners_at_which_a_descent_ends() -> None:

@@ -46,7 +46,7 @@ def as_fitted(twin: TwinModel, looked_at: Sequence[tuple[Reduced, PartFit]]) -> 
         fitted = zip(part.base.problem.variables, part.base.point, strict=True)
         known = {v.name: v.value(float(unit)) for v, unit in fitted}
         found.update(factors(part.base.problem.variables, known))
-    return {name: factor * twin.parameter(name).read(twin.model) for name, factor in found.items()}
+    return {name: factor * twin.parameter(name).read(twin.base_model) for name, factor in found.items()}
 
 
 def with_values(twin: TwinModel, values: Mapping[str, float]) -> TwinModel:
