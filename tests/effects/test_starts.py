@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -84,3 +86,12 @@ def test_a_joint_that_stands_still_suggests_no_speed() -> None:
     still = np.zeros(100)
     for effect in ("rate_limit", "stribeck_friction"):
         assert LIBRARY[effect].suggested(SCALE, Seen(still, still, still)) == ()
+
+
+@given(st.floats(0.1, 6.0), st.floats(0.1, 0.9))
+def test_a_stop_anywhere_in_the_range_of_an_arm_that_turns_twice_is_looked_for(half_span: float, share: float) -> None:
+    scale = replace(SCALE, lower=-half_span, upper=half_span)
+    bounds = LIBRARY["joint_stop"].bounds(scale)
+    for end in ("upper", "lower"):
+        lowest, highest = bounds[end]
+        assert lowest <= share * 2.0 * half_span <= highest

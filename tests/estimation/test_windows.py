@@ -102,6 +102,21 @@ def test_a_piece_remembers_what_the_motion_before_it_has_bent(twin: TwinModel, r
         assert np.sqrt((residual**2).mean()) < 1.2 * noise_rad
 
 
+def test_a_piece_remembers_a_set_point_that_has_been_on_its_way_all_along(
+    twin: TwinModel, rng: np.random.Generator
+) -> None:
+    """One step that a slow limit of rate needs ten seconds for."""
+    noise_rad = 5e-5
+    slow = twin.changed(twin.terms.with_effect(EffectTerm(effect="rate_limit", target="rh_FFJ3", values={"rate": 0.1})))
+    motion: Motion = {"rh_FFJ3": ([0.0, 0.5, 0.6, 11.0], [0.2, 0.2, 1.3, 1.3])}
+    recording = align(slow, recorded(slow, motion, rng, seconds=10.5, noise_rad=noise_rad))
+    pieces = segments(recording, ("rh_FFJ3",))
+    assert len(pieces) > 2
+    problem = Problem(slow, pieces, (), ("rh_FFJ3",))
+    for residual in problem.joint_residuals(problem.start[None]):
+        assert np.sqrt((residual**2).mean()) < 2.0 * noise_rad
+
+
 def test_time_in_contact_is_in_no_piece(aligned: Aligned) -> None:
     touching = (aligned.time_s > 2.0) & (aligned.time_s < 2.5)
     for piece in segments(aligned, JOINTS, touching):

@@ -130,6 +130,11 @@ class Scale:
     upper: float
     step_s: float
 
+    @property
+    def span(self) -> float:
+        """rad or m: the whole range."""
+        return self.upper - self.lower
+
 
 @dataclass(frozen=True)
 class Seen:
@@ -169,7 +174,7 @@ class Seen:
 class Reach:
     """How far a value may be looked for at a place: so many times a quantity of its scale, in the value's unit."""
 
-    of: Literal["kp", "force_nm", "damping", "frictionloss", "inertia"]
+    of: Literal["kp", "force_nm", "damping", "frictionloss", "inertia", "span"]
     times: float
 
     def at(self, scale: Scale) -> float:

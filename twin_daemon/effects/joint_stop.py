@@ -12,6 +12,7 @@ from twin_daemon.effects.edits import add_joint_tendon
 
 _EDGES = (0.05, 0.95)  # of the samples: a joint that stands at a stop does so for more than a twentieth of them
 _STIFF = 4.0  # times the servo's stiffness
+_RANGE = Reach("span", 1.0)
 _BEGINNINGS = np.arange(0.05, 1.0, 0.05)  # quantiles of the angle at which a stop may begin
 
 
@@ -33,8 +34,8 @@ class JointStop(Effect):
             "stiffness of the stops; at 0 there are none",
             reach=Reach("kp", 100.0),
         ),
-        Parameter("upper", "rad", -0.5, 3.0, 0.0, 0.8, "where it begins, this much before the upper end"),
-        Parameter("lower", "rad", -0.5, 3.0, 0.0, 0.0, "where it begins, this much after the lower end"),
+        Parameter("upper", "rad", -0.5, 3.0, 0.0, 0.8, "where it begins, this much before the upper end", reach=_RANGE),
+        Parameter("lower", "rad", -0.5, 3.0, 0.0, 0.0, "where it begins, this much after the lower end", reach=_RANGE),
     )
     story = Story(
         what="Beyond an angle something elastic pushes back.",
@@ -56,7 +57,7 @@ class JointStop(Effect):
         )
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
-        span, k = scale.upper - scale.lower, 2.0 * scale.kp
+        span, k = scale.span, 2.0 * scale.kp
         return (
             {"stiffness": k, "upper": 0.2 * span, "lower": 0.0},
             {"stiffness": k, "upper": 0.5 * span, "lower": 0.0},

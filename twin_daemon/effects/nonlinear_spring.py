@@ -27,7 +27,9 @@ class NonlinearSpring(Effect):
         Parameter(
             "cubic", "N m/rad3", 0.0, 50.0, 0.0, 0.3, "torque at one radian from the centre", reach=Reach("kp", 5.0)
         ),
-        Parameter("centre", "rad", -np.pi, np.pi, 0.0, 0.0, "angle at which it does not pull"),
+        Parameter(
+            "centre", "rad", -np.pi, np.pi, 0.0, 0.0, "angle at which it does not pull", reach=Reach("span", 1.0)
+        ),
     )
     story = Story(
         what="An elastic torque that is weak near its centre and steep away from it.",

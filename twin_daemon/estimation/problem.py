@@ -18,7 +18,7 @@ from twin_daemon.estimation.thresholds import (
 from twin_daemon.estimation.variables import LinkVariable, Settings, Variable
 from twin_daemon.simulation.alignment import Aligned, resample
 from twin_daemon.simulation.parameters import KINDS
-from twin_daemon.simulation.rollout import remembers, roll_out
+from twin_daemon.simulation.rollout import never_forgets, remembers, roll_out
 from twin_daemon.simulation.terms import EffectTerm, Terms
 from twin_daemon.simulation.turns import Bent
 from twin_daemon.simulation.twin import TwinModel
@@ -31,6 +31,15 @@ class Candidate:
     model: mujoco.MjModel
     measurement: Measurement
     onsets_s: tuple[float, ...]
+
+
+def times_before(recording: Aligned, model: mujoco.MjModel) -> np.ndarray:
+    """(H,) s, negative: the steps before a recording whose commands its roll-out has to know."""
+    if not remembers(model):
+        return np.empty(0)
+    whole_s = -(float(recording.signal.time_s[0]) + recording.onset_s) if never_forgets(model) else 0.0
+    step_s = float(model.opt.timestep)
+    return -np.arange(round(max(PAST_S, whole_s) / step_s), 0, -1) * step_s
 
 
 class Problem:
@@ -147,7 +156,7 @@ class Problem:
         for index, recording in enumerate(self.recordings):
             onsets = [c.onsets_s[index] for c in candidates]
             grid = self._grids[index] * step_s
-            past = -np.arange(round(PAST_S / step_s), 0, -1) * step_s if remembers(candidates[0].model) else grid[:0]
+            past = times_before(recording, candidates[0].model)
             whole = np.concatenate([past, grid])
             distinct = {onset: self._told_by(index, whole, onset) for onset in dict.fromkeys(onsets)}
             if len(distinct) == 1:

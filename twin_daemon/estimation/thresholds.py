@@ -82,7 +82,7 @@ EXPECTED_CORRELATION_S = Threshold(0.1, "s", "of a fitted hand's residual, for d
 
 # -- roll-outs -----------------------------------------------------------------------------------------------
 
-PAST_S = Threshold(4.0, "s", "of commands before a roll-out, for delays, filters and limits of rate")
+PAST_S = Threshold(4.0, "s", "of commands before a roll-out, for delays and filters; for limits of rate at least")
 DIVERGED_RAD = Threshold(10.0, "rad", "error that a simulation counts as which left the finite numbers")
 
 # -- windows of recordings -----------------------------------------------------------------------------------

@@ -11,15 +11,14 @@ import numpy as np
 from scipy.signal import lfilter
 
 from twin_daemon.estimation.posterior import Posterior
-from twin_daemon.estimation.problem import Candidate
-from twin_daemon.estimation.thresholds import PAST_S
+from twin_daemon.estimation.problem import Candidate, times_before
 from twin_daemon.estimation.variables import ParameterVariable, Variable
 from twin_daemon.proposals.features import OF_NEIGHBOURS, Feature
 from twin_daemon.proposals.thresholds import RIDGE, SETTLING_S, STRONGEST_RAD
 from twin_daemon.proposals.track import Track
 from twin_daemon.simulation.alignment import Aligned, resample
 from twin_daemon.simulation.feedback import roll_out_with_feedback
-from twin_daemon.simulation.rollout import initial_state, remembers
+from twin_daemon.simulation.rollout import initial_state
 from twin_daemon.simulation.twin import TwinModel
 
 
@@ -149,7 +148,7 @@ class LawProblem(Posterior):
         states, input_of, steps, begun = [], [], [], []
         for index in order:
             piece, grid = self.recordings[index], self._grids[index] * step_s
-            past = -np.arange(round(PAST_S / step_s), 0, -1) * step_s if remembers(candidates[0].model) else grid[:0]
+            past = times_before(piece, candidates[0].model)
             applied = self._applied(index, grid, [candidates[0].measurement] * len(distinct), points[shown])
             (qpos,), (qvel,) = self._begun(index, [candidates[0].measurement])
             memory = self._memory(index)

@@ -163,6 +163,11 @@ def remembers(model: mujoco.MjModel) -> bool:
     return any(model.actuator_history[a, 0] > 0 or _follows(model, a) for a in range(model.nu))
 
 
+def never_forgets(model: mujoco.MjModel) -> bool:
+    """Whether an actuator may depend on all commands: behind a limit of rate the set point may never arrive."""
+    return any(_follows(model, a) and int(model.actuator_dyntype[a]) not in _FILTERS for a in range(model.nu))
+
+
 def recall_commands(model: mujoco.MjModel, data: mujoco.MjData, before: np.ndarray) -> None:
     """Brings delay buffers, filters and rate limits to where the commands of the steps before (H, nu) left them."""
     step_s = float(model.opt.timestep)
@@ -184,8 +189,8 @@ def recall_commands(model: mujoco.MjModel, data: mujoco.MjData, before: np.ndarr
             state = float(state * kept ** len(told) + (1.0 - kept) * (told @ kept**ages))
         else:
             most = float(model.actuator_dynprm[actuator, 1]) * step_s
-            for target in told:
-                state += min(max(float(target) - state, -most), most)
+            for target in told.tolist():
+                state += min(max(target - state, -most), most)
         data.act[model.actuator_actadr[actuator]] = state
 
 
