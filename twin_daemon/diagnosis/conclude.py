@@ -11,7 +11,14 @@ from twin_daemon.diagnosis.far_off import beyond_any_hand
 from twin_daemon.diagnosis.fit import Fit, own_estimates
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.probability import Left, combined, posterior
-from twin_daemon.diagnosis.thresholds import DECISIVE_NATS, FORBIDDEN_SIGMA, MOST_NAMED, SURE, WORST_SHOWN
+from twin_daemon.diagnosis.thresholds import (
+    DECISIVE_NATS,
+    FORBIDDEN_SIGMA,
+    LEAST_SHARE_CLEAR,
+    MOST_NAMED,
+    SURE,
+    WORST_SHOWN,
+)
 from twin_daemon.diagnosis.validation import HeldOut
 from twin_daemon.diagnosis.verdict import (
     Diagnosis,
@@ -123,8 +130,12 @@ def conclude(
     interrupted: bool,
     shared: Sequence[Finding] = (),
     shared_posteriors: Sequence[Mapping[str, float]] = (),
+    clear: Mapping[str, float] | None = None,
 ) -> Diagnosis:
-    """`shared` are findings of several groups together, each with a distribution over what may be in its place."""
+    """`shared` are findings of several groups together, each with a distribution over what may be in its place.
+
+    `clear` is the share of the motion in which each group touches nothing: what lies in the rest was not looked at.
+    """
     causes = len(shared) + sum(len(o.accepted) for o in outcomes)
     unknowns = [o.what_is_left.unknown(causes) for o in outcomes]
     findings = [*shared]
@@ -203,7 +214,14 @@ def conclude(
         },
         moved_parameters=tuple(moved for o in outcomes for moved in o.moved),
         interrupted=interrupted,
-        notes=tuple(f"{name} was left out: it touches something nearly all the time" for name in touching),
+        notes=(
+            *(f"{name} was left out: it touches something nearly all the time" for name in touching),
+            *(
+                f"{name} was judged by {share:.0%} of its motion: in the rest it touches something"
+                for name, share in (clear or {}).items()
+                if share < LEAST_SHARE_CLEAR
+            ),
+        ),
     )
 
 

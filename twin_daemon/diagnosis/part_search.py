@@ -11,6 +11,7 @@ from twin_daemon.diagnosis.conclude import Accepted, Outcome
 from twin_daemon.diagnosis.far_off import beyond_any_hand, deviating, needed
 from twin_daemon.diagnosis.fit import Fit
 from twin_daemon.diagnosis.part_fit import PartFit
+from twin_daemon.diagnosis.screening import AskedBefore
 from twin_daemon.diagnosis.selection import Say, decisive, next_effect, swap_rivals, weight_of
 from twin_daemon.diagnosis.thresholds import (
     ADEQUATE_FLOORS,
@@ -51,7 +52,7 @@ class Progress:
 
 @dataclass(frozen=True)
 class PartSearch:
-    """The search of one part for at most so many effects."""
+    """The search of one part for at most so many effects; `before` is what was asked of some of its joints alone."""
 
     part: PartFit
     reduced: Reduced
@@ -59,6 +60,7 @@ class PartSearch:
     say: Say
     most_effects: int
     limit: TimeLimit
+    before: AskedBefore | None = None
 
     @cached_property
     def validation(self) -> Validation:
@@ -141,7 +143,13 @@ class PartSearch:
                 self.limit.check()
                 if step is None:
                     step = next_effect(
-                        progress.part, progress.validation, self.say, outcome, self.limit, against=against
+                        progress.part,
+                        progress.validation,
+                        self.say,
+                        outcome,
+                        self.limit,
+                        against=against,
+                        before=None if outcome.accepted else self.before,
                     )
             except OutOfTime:
                 outcome.unfinished = True

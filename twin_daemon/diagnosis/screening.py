@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -52,17 +53,31 @@ class _Anchor:
         return float(rows @ rows), amount
 
 
+@dataclass(frozen=True)
+class AskedBefore:
+    """Joints of which all candidates have been asked, and the fits of those that were right or not far behind."""
+
+    joints: frozenset[str]
+    fits: tuple[Fit, ...]
+
+    def fit_of(self, hypothesis: Hypothesis) -> Fit | None:
+        """The fit of a candidate at these joints; None where it is of others, or was far behind."""
+        return next((fit for fit in self.fits if fit.hypothesis and fit.hypothesis.name == hypothesis.name), None)
+
+
 class Screening:
     """A part's candidates, from several points of its nuisances."""
 
-    def __init__(self, part: PartFit) -> None:
+    def __init__(self, part: PartFit, before: AskedBefore | None = None) -> None:
         """Chooses the motion where the model fails most, and points of the nuisances from which to look at it.
 
         The first is where they fit best alone. There the nuisances of the joint that fails have moved to stand in for
         what is missing; so for each group of joints that one servo moves there is another point, at which its own are
         nominal again and all others stay.
+
+        Of joints that were `before` looked at without the others only what came near is asked, from where it came to.
         """
-        self._part = part
+        self._part, self._before = part, before
         rows = part.problem.residuals(part.base.point[None])[0]
         blocks = part.blocks()
         costs = [float((rows[a:b] ** 2).sum()) / max(b - a, 1) for a, b in blocks]
@@ -115,8 +130,11 @@ class Screening:
     @cached_property
     def candidates(self) -> list[Hypothesis]:
         """What may act at the joints at which something may be missing."""
-        part = self._part
-        return hypotheses(part.twin, sorted(part.suspects, key=part.joints.index), whole_hand=False)
+        part, before = self._part, self._before
+        every = hypotheses(part.twin, sorted(part.suspects, key=part.joints.index), whole_hand=False)
+        if before is None:
+            return every
+        return [h for h in every if before.fit_of(h) or not (part.group_of(h.target) or set()) & before.joints]
 
     def promising(self) -> bool:
         """Whether some candidate may take most of what is left beyond the floor away, by the secants to its starts."""
@@ -134,6 +152,11 @@ class Screening:
         A finite-size change is used because backlash or dry friction are not smooth at zero; at twice the time
         step, because a change is a difference of two roll-outs, which share its error.
         """
+        before = self._before.fit_of(hypothesis) if self._before else None
+        if before is not None:
+            own = self._part.group_of(hypothesis.target)
+            begun = hypothesis.starting((before.values, *hypothesis.starts))
+            return [Start(begun, begun.starts[0], a, self.left_at(a)) for a in (None, own) if a in self._anchors]
         found: list[Start] = []
         gaps = self._nominal_gaps if hypothesis.effect.reads_nominal_error else self._gaps
         hypothesis = informed(hypothesis, self._part.twin, self._part.recordings, self._part.joints, gaps)

@@ -13,7 +13,7 @@ from twin_daemon.diagnosis.conclude import Accepted, Outcome
 from twin_daemon.diagnosis.fit import FirstFit, Fit, Start, is_idle, stands_out
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.probability import weight
-from twin_daemon.diagnosis.screening import Screening
+from twin_daemon.diagnosis.screening import AskedBefore, Screening
 from twin_daemon.diagnosis.thresholds import (
     ALIKE,
     COMPARABLE,
@@ -46,20 +46,21 @@ def next_effect(
     limit: TimeLimit,
     *,
     against: Fit | None = None,
+    before: AskedBefore | None = None,
 ) -> Accepted | None:
     """One more effect for a part: the best that passes held-out validation, and what it cannot be told from.
 
     Where it has to stand `against` a fit of the same motion, none is fitted in full unless a first fit takes most of
-    what that one leaves away.
+    what that one leaves away. Of joints that were looked at `before` on their own only what came near is asked.
     """
     limit.check()
-    screening = Screening(part)
+    screening = Screening(part, before)
     chosen = _shortlist(screening, part, outcome)
     limit.check()
     tried: dict[str, FirstFit] = {}
     for first in _raced(screening, chosen, limit):
-        before = tried.get(first.hypothesis.name)
-        tried[first.hypothesis.name] = first if before is None or first.cost < before.cost else before
+        other = tried.get(first.hypothesis.name)
+        tried[first.hypothesis.name] = first if other is None or first.cost < other.cost else other
     first_fits = sorted(tried.values(), key=lambda first: first.cost)
     # at the floor, with nothing far off, an effect has to be worth its name
     unforced = part.within_floor and not any(abs(s) > DEVIATING_SIGMA for s in part.base.deviations.values())

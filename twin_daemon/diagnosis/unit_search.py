@@ -11,6 +11,7 @@ from twin_daemon.diagnosis.floor_check import above_floor, by_parameters
 from twin_daemon.diagnosis.group import look
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.part_search import PartSearch, Progress
+from twin_daemon.diagnosis.screening import AskedBefore
 from twin_daemon.diagnosis.selection import Say
 from twin_daemon.diagnosis.thresholds import GONE_FAR
 from twin_daemon.estimation.partition import Reduced, Reduction
@@ -46,12 +47,15 @@ class UnitSearch:
         they are looked at anew with it. Where no effect of one group explains it, all that are left are searched as
         one.
         """
-        twin, left = self.twin, list(unit)
+        twin, left, before = self.twin, list(unit), None
         while len(left) > 1:
             left.sort(key=lambda item: -float(item[1].times_floor.max()))
             reduced, part = left[0]
             outcome = self._searched(twin, part, reduced)
-            if not outcome.accepted or not outcome.explains:
+            # of one effect each no more is asked than what it leaves: all values are fitted together behind it
+            enough = outcome.explains or (self.most_effects == 1 and outcome.left <= 1.0)
+            if not outcome.accepted or not enough:
+                before = _asked(outcome)
                 break
             self.outcomes.append(outcome)
             twin = _with_found(twin, outcome)
@@ -65,7 +69,7 @@ class UnitSearch:
                 self.touching.append(left[0][0].name)
             else:
                 reduced, part = look(whole)
-                self.outcomes.append(self._searched(twin, part, reduced))
+                self.outcomes.append(self._searched(twin, part, reduced, before))
 
     def _above(self, twin: TwinModel, groups: Sequence[Reduced]) -> list[tuple[Reduced, PartFit]]:
         """Those groups that are above the floor with what the twin now has."""
@@ -83,8 +87,8 @@ class UnitSearch:
                     values.pop(name, None)
         return with_values(twin, values)
 
-    def _searched(self, twin: TwinModel, part: PartFit, reduced: Reduced) -> Outcome:
-        search = PartSearch(part, reduced, self.seed, self.say, self.most_effects, self.limit)
+    def _searched(self, twin: TwinModel, part: PartFit, reduced: Reduced, before: AskedBefore | None = None) -> Outcome:
+        search = PartSearch(part, reduced, self.seed, self.say, self.most_effects, self.limit, before)
         begun = search.begun()
         nearer = self._nearer(twin, begun, reduced)
         if nearer is not None:
@@ -114,6 +118,12 @@ class UnitSearch:
         fits = [found.fit for found in first.accepted]
         beside = PartFit(terms, again.train, again.joints, after=fits[-1], found=fits)
         return look(again) if beside.base.cost < GONE_FAR * begun.part.base.cost else None
+
+
+def _asked(outcome: Outcome) -> AskedBefore | None:
+    """What the search of a part says of its joints to one of several parts; None where nothing helped there."""
+    named = {one.hypothesis.name: one.fit for one in (*outcome.others, *outcome.accepted)}
+    return AskedBefore(frozenset(outcome.joints), tuple(named.values())) if named else None
 
 
 def _with_found(twin: TwinModel, outcome: Outcome) -> TwinModel:
