@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from tests.effects.conftest import Bench, loaded_finger, move
 from twin_daemon.effects import LIBRARY
 from twin_daemon.effects.base import Seen
 from twin_daemon.errors import BadInput
+from twin_daemon.hand import load_hand
 from twin_daemon.simulation.rollout import roll_out
 from twin_daemon.simulation.terms import EffectTerm, Terms
 from twin_daemon.simulation.twin import TwinModel
@@ -324,3 +327,21 @@ def _total_inertia(model: mujoco.MjModel, link: str | None = None) -> float:
     full = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, full)
     return float(0.5 * data.qvel @ full @ data.qvel)
+
+
+@pytest.mark.parametrize("kv", [0.0, 0.1])
+def test_a_proportional_gain_that_was_set_is_a_weaker_servo_that_keeps_its_derivative_gain(kv: float, tmp_path: Path):
+    model = tmp_path / "one.xml"
+    model.write_text(
+        '<mujoco><worldbody><body><joint name="j" axis="0 1 0" range="-1 1"/><geom size="0.02"/></body></worldbody>'
+        f'<actuator><position name="a" joint="j" kp="2" kv="{kv}"/></actuator></mujoco>'
+    )
+    twin = TwinModel.load(load_hand(model=model))
+    effect = LIBRARY["actuator_gain"]
+    weak = EffectTerm(effect=effect.key, target="a", values=effect.as_factor(0.6))
+    lower = twin.changed(twin.terms.with_parameters({"a.kp": 0.6 * twin.parameter("a.kp").read(twin.base_model)}))
+    for field in ("actuator_gainprm", "actuator_biasprm"):
+        changed = getattr(twin.changed(twin.terms.with_effect(weak)).model, field)
+        np.testing.assert_allclose(changed, getattr(lower.model, field))
+    low, high = effect.bounds(twin.scale("a"))["derivative"]
+    assert (low < high) == (kv > 0.0)

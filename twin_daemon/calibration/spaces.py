@@ -132,11 +132,12 @@ def _of_effects(twin: TwinModel, moving: Sequence[str]) -> list[EffectVariable]:
     for term in twin.terms.effects:
         joints = twin.joints_of(term.target)
         if set(joints) & set(moving) and not twin.terms.is_everywhere(term, twin.actuators, twin.joints):
-            scale = twin.scale(term.target)
+            bounds = LIBRARY[term.effect].bounds(twin.scale(term.target))
             for p in LIBRARY[term.effect].parameters:
-                if not p.held and p.name != LIBRARY[term.effect].everywhere:
+                lower, upper = bounds[p.name]
+                if lower < upper and not p.held and p.name != LIBRARY[term.effect].everywhere:
                     start = term.values.get(p.name, p.default)
-                    variables.append(effect_variable(term.effect, term.target, p, p.bounds(scale), start, joints))
+                    variables.append(effect_variable(term.effect, term.target, p, (lower, upper), start, joints))
     return variables
 
 

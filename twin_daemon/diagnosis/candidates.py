@@ -92,18 +92,17 @@ class Hypothesis:
         A factor on a servo takes along what the servo drives, so that its starts count from there.
         """
         first = self.effect.parameters[0]
-        lower, upper = self.bounds[first.name]
         found = []
         for name in self.speaks_for(twin):
             factor = scales.get(name, 1.0)
             if first.neutral == 1.0:
-                begun = [(start | {first.name: start[first.name] * factor}) for start in self.starts]
-                begun.append(self.effect.neutral() | {first.name: factor})
+                others = [(start | {first.name: start[first.name] * factor}) for start in self.starts]
+                begun = [self.effect.as_factor(factor), *others]
             else:
                 added = (factor - 1.0) * twin.parameter(name).read(twin.base_model)
                 begun = [{**self.effect.as_nominal, first.name: added}]
-            found += [values | {first.name: float(np.clip(values[first.name], lower, upper))} for values in begun]
-        return [self.effect.complete(values) for values in found]
+            found += begun
+        return [self.clipped(self.effect.complete(values)) for values in found]
 
     def holds_offset(self) -> set[str]:
         """Joints whose reading's offset this candidate speaks for."""

@@ -380,12 +380,25 @@ class PartFit:
 
     def evidence_nats(self, fit: Fit) -> float:
         """Gain over the nuisances alone in nats, after the Bayesian information criterion's price of parameters."""
-        return 0.5 * (self.base.cost - fit.cost) - self.price(fit.problem)
+        return 0.5 * (self.base.cost - fit.cost) - self.price_of(fit)
 
     def price(self, problem: Posterior) -> float:
         """Nats that a problem's parameters without a prior cost, by the Bayesian information criterion."""
         own = sum(v.prior is None for v in problem.variables)
         return 0.5 * own * float(np.log(max(self.problem.effective_samples, 2.0)))
+
+    def price_of(self, fit: Fit) -> float:
+        """Nats that a fit's parameters cost; no more than the one that a nominal value has stood in for, with its gain.
+
+        A servo's gain that is far off is one number, whatever else its law could say of the servo.
+        """
+        whole = self.price(fit.problem)
+        spoken = fit.hypothesis.speaks_for(self.twin) if fit.hypothesis else set()
+        pull = sum(sigma**2 for name, sigma in self.base.deviations.items() if name in spoken)
+        if not spoken or not self.within_floor:
+            return whole
+        one = 0.5 * float(np.log(max(self.problem.effective_samples, 2.0)))
+        return min(whole, one + max(0.5 * (self.base.cost - pull - fit.cost), 0.0))
 
     def held_out(self, fit: Fit, recordings: Sequence[Aligned], *, adjusted: bool = False) -> list[np.ndarray]:
         """Residuals (n, k) rad of a fit on held-out recordings, with its nuisances as fitted, without a step's error.

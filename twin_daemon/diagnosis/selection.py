@@ -178,7 +178,7 @@ def weight_of(part: PartFit, fit: Fit, bar: float) -> float:
     """
     if not part.within_floor:
         return part.evidence_nats(fit)
-    return weight(part.base.cost, fit.cost, part.base.prior_cost, fit.prior_cost, part.price(fit.problem), bar)
+    return weight(part.base.cost, fit.cost, part.base.prior_cost, fit.prior_cost, part.price_of(fit), bar)
 
 
 def _limits_of(part: PartFit, screening: Screening, laws: Sequence[Fit]) -> list[Fit]:

@@ -116,7 +116,8 @@ class Scale:
 
     `kp` N m/rad of the actuator that drives it, `force_nm` its limit (or kp times 0.1 rad where it has none),
     `damping` N m s/rad, `frictionloss` N m, `inertia` kg m2 about the joint at rest with its `armature`, `lower` and
-    `upper` rad the range of the joint or of the actuated quantity, `step_s` the model's time step. A model without
+    `upper` rad the range of the joint or of the actuated quantity, `step_s` the model's time step, `kv` N m s/rad the
+    actuator's derivative gain. A model without
     damping or friction has what a servo of its kind would show: a tenth of critical, a thousandth of its stiffness.
     """
 
@@ -129,6 +130,7 @@ class Scale:
     lower: float
     upper: float
     step_s: float
+    kv: float = 0.0
 
     @property
     def span(self) -> float:
@@ -310,6 +312,10 @@ class Effect(ABC):
     def starts_everywhere(self) -> tuple[dict[str, float], ...]:
         """Finite-size values to start from where all joints have it alike; none where no joint's scale is needed."""
         return ()
+
+    def as_factor(self, factor: float) -> dict[str, float]:
+        """The values that do what the nominal parameter does which it `stands_for`, times so much."""
+        return self.neutral() | {self.parameters[0].name: factor}
 
     def complete(self, values: Mapping[str, float]) -> dict[str, float]:
         """The values by name with defaults filled in. Raises BadInput on unknown names or unphysical values."""

@@ -224,6 +224,7 @@ class TwinModel:
             lower=float(low),
             upper=float(high),
             step_s=float(model.opt.timestep),
+            kv=float(max(-model.actuator_biasprm[actuator, 2], 0.0)) if actuator is not None else 0.0,
         )
 
     # -- parameters ----------------------------------------------------------------------------------------

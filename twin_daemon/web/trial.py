@@ -91,6 +91,7 @@ class Trial:
                     "lower": bounds[one.name][0], "upper": bounds[one.name][1], "value": begin[one.name],
                 }
                 for one in effect.parameters
+                if bounds[one.name][0] < bounds[one.name][1]
             ],
         }  # fmt: skip
 
