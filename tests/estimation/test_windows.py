@@ -151,16 +151,3 @@ def test_fingers_that_are_pushed_together_touch(twin: TwinModel) -> None:
     assert masks["FF"].tolist() == [False, True]
     assert masks["MF"].tolist() == [False, True]
     assert not masks["thumb"].any()
-
-
-def test_what_only_comes_near_touches_nothing_and_a_touch_lasts_while_it_is_near(twin: TwinModel) -> None:
-    swing = np.concatenate([np.linspace(0.0, 0.349, 40), np.linspace(0.349, 0.0, 40)])
-    pose = np.zeros((len(swing), len(twin.joints)))
-    pose[:, twin.joints.index("rh_FFJ4")] = swing
-    pose[:, twin.joints.index("rh_MFJ4")] = -swing
-    touched = touching_times(twin, parts(twin), pose, 0.0)["FF"]
-    first = int(np.flatnonzero(touched)[0])
-    within = touching_times(twin, parts(twin), pose, 1e-3)["FF"]
-    assert within.sum() > touched.sum()
-    assert within[first - 1]
-    assert not touching_times(twin, parts(twin), pose[:first], 1e-3)["FF"].any()

@@ -15,42 +15,23 @@ from twin_daemon.simulation.twin import TwinModel
 def touching_parts(twin: TwinModel, found: Sequence[Part], poses: np.ndarray) -> set[frozenset[str]]:
     """Pairs of parts (by name) that touch in any of the true poses (n, j) rad; a part that touches itself or the
     trunk comes alone."""
-    return {pair for pairs in _distances_m(twin, found, poses, 0.0) for pair in pairs}
+    return set().union(*_touches(twin, found, poses, 0.0))
 
 
 def touching_times(
     twin: TwinModel, found: Sequence[Part], poses: np.ndarray, margin_m: float
 ) -> Mapping[str, np.ndarray]:
-    """(n,) bool by part: in which of the true poses (n, j) rad, one after another, it touches something.
-
-    A touch lasts as long as the two are within the margin, as no shape is better known. What only comes near touches
-    nothing: neighbours may pass each other within that all the time.
-    """
+    """(n,) bool by part: in which of the true poses (n, j) rad it comes within a margin of anything."""
     masks = {part.name: np.zeros(len(poses), bool) for part in found}
-    apart: dict[frozenset[str], np.ndarray] = {}
-    for index, pairs in enumerate(_distances_m(twin, found, poses, margin_m)):
-        for pair, distance_m in pairs.items():
-            apart.setdefault(pair, np.full(len(poses), np.inf))[index] = distance_m
-    for pair, distances_m in apart.items():
-        touching = _runs_with(np.isfinite(distances_m), distances_m <= 0.0)
-        for name in pair & masks.keys():
-            masks[name] |= touching
+    for index, pairs in enumerate(_touches(twin, found, poses, margin_m)):
+        for name in {name for pair in pairs for name in pair} & masks.keys():
+            masks[name][index] = True
     return masks
 
 
-def _runs_with(near: np.ndarray, touch: np.ndarray) -> np.ndarray:
-    """(n,) bool: the runs of `near` (n,) that have a `touch` (n,) in them."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]]).astype(int))).reshape(-1, 2)
-    found = np.zeros(len(near), bool)
-    for begin, end in edges:
-        found[begin:end] = touch[begin:end].any()
-    return found
-
-
-def _distances_m(
+def _touches(
     twin: TwinModel, found: Sequence[Part], poses: np.ndarray, margin_m: float
-) -> Iterator[dict[frozenset[str], float]]:
-    """For each pose how far apart the pairs of parts are that are within the margin: negative where they overlap."""
+) -> Iterator[set[frozenset[str]]]:
     model = twin.base_model
     if margin_m and model.ngeom:
         model = twin.base_model.__copy__()
@@ -65,14 +46,12 @@ def _distances_m(
         [int(model.joint(twin.hand.description.joints[n].joint).qposadr[0]) for n in twin.joints], dtype=int
     )
     for pose in poses:
-        pairs: dict[frozenset[str], float] = {}
+        pairs: set[frozenset[str]] = set()
         if model.ngeom:
             known = np.isfinite(pose)
             data.qpos[addresses[known]] = pose[known]
             mujoco.mj_kinematics(model, data)
             mujoco.mj_comPos(model, data)
             mujoco.mj_collision(model, data)
-            for touch in touches(model, data):
-                pair = frozenset(of_body[body] for body in touch.bodies)
-                pairs[pair] = min(touch.distance_m, pairs.get(pair, np.inf))
+            pairs = {frozenset(of_body[body] for body in touch.bodies) for touch in touches(model, data)}
         yield pairs
