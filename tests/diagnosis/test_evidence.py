@@ -63,6 +63,14 @@ def test_held_out_motion_alone_asks_for_more_to_be_a_new_law(
     assert said.verdict == verdict
 
 
+def test_much_motion_that_is_left_out_for_what_it_touches_is_said(twin: TwinModel) -> None:
+    outcome = Outcome("FF", (JOINT,), 0.5, {}, within_floor=True)
+    said = conclude(twin, (), [outcome], ("LF",), False, touched={"FF": 0.62, "MF": 0.3})
+    assert any("LF" in note for note in said.notes)
+    assert any("FF (62%)" in note for note in said.notes)
+    assert not any("MF" in note for note in said.notes)
+
+
 @pytest.mark.parametrize(("parts", "verdict"), [(("poor",), "not_excited"), (("poor", "rich"), "within_noise")])
 def test_one_part_that_moved_richly_makes_a_hand_sound(twin: TwinModel, parts: tuple[str, ...], verdict: str) -> None:
     outcomes = [Outcome(name, (JOINT,), 0.5, {}, within_floor=True) for name in parts]

@@ -329,12 +329,14 @@ def _total_inertia(model: mujoco.MjModel, link: str | None = None) -> float:
     return float(0.5 * data.qvel @ full @ data.qvel)
 
 
-@pytest.mark.parametrize("kv", [0.0, 0.1])
-def test_a_proportional_gain_that_was_set_is_a_weaker_servo_that_keeps_its_derivative_gain(kv: float, tmp_path: Path):
+@pytest.mark.parametrize(("given", "has"), [('kv="0"', False), ('kv="0.1"', True), ('dampratio="0.7"', True)])
+def test_a_proportional_gain_that_was_set_is_a_weaker_servo_that_keeps_its_derivative_gain(
+    given: str, has: bool, tmp_path: Path
+):
     model = tmp_path / "one.xml"
     model.write_text(
         '<mujoco><worldbody><body><joint name="j" axis="0 1 0" range="-1 1"/><geom size="0.02"/></body></worldbody>'
-        f'<actuator><position name="a" joint="j" kp="2" kv="{kv}"/></actuator></mujoco>'
+        f'<actuator><position name="a" joint="j" kp="2" {given}/></actuator></mujoco>'
     )
     twin = TwinModel.load(load_hand(model=model))
     effect = LIBRARY["actuator_gain"]
@@ -343,5 +345,7 @@ def test_a_proportional_gain_that_was_set_is_a_weaker_servo_that_keeps_its_deriv
     for field in ("actuator_gainprm", "actuator_biasprm"):
         changed = getattr(twin.changed(twin.terms.with_effect(weak)).model, field)
         np.testing.assert_allclose(changed, getattr(lower.model, field))
+    tired = twin.changed(twin.terms.with_effect(EffectTerm(effect=effect.key, target="a", values={"factor": 0.6})))
+    np.testing.assert_allclose(tired.model.actuator_biasprm, 0.6 * twin.model.actuator_biasprm)
     low, high = effect.bounds(twin.scale("a"))["derivative"]
-    assert (low < high) == (kv > 0.0)
+    assert (low < high) == has

@@ -8,6 +8,7 @@ import pytest
 from tests.simulation.made import Motion, recorded
 from twin_daemon.calibration.calibrate import calibrate
 from twin_daemon.calibration.spaces import load_space, variables_of
+from twin_daemon.estimation.partition import Reduction
 from twin_daemon.estimation.subproblems import reduced_problems, touching
 from twin_daemon.estimation.variables import Variable
 from twin_daemon.recalibration.clear_errors import clear_residuals
@@ -37,6 +38,12 @@ def worn(twin: TwinModel) -> TwinModel:
 @pytest.fixture(scope="module")
 def aligned(twin: TwinModel, worn: TwinModel) -> Aligned:
     return align(twin, recorded(worn, MOTION, np.random.default_rng(3), seconds=10.5))
+
+
+def test_how_much_of_its_motion_a_finger_touches_another_is_known(twin: TwinModel, aligned: Aligned) -> None:
+    reduction = Reduction(twin, [aligned], [])
+    assert 0.5 / 10.5 < reduction.share_touching(("rh_FFJ3",)) < 2.0 / 10.5  # from 6 to 7 s, and while they come near
+    assert reduction.share_touching(("rh_THJ4",)) == 0.0
 
 
 def _variables(twin: TwinModel) -> list[Variable]:

@@ -14,8 +14,8 @@ from twin_daemon.diagnosis.probability import Left, combined, posterior
 from twin_daemon.diagnosis.thresholds import (
     DECISIVE_NATS,
     FORBIDDEN_SIGMA,
-    LEAST_SHARE_CLEAR,
     MOST_NAMED,
+    MUCH_TOUCHED,
     SURE,
     WORST_SHOWN,
 )
@@ -130,11 +130,11 @@ def conclude(
     interrupted: bool,
     shared: Sequence[Finding] = (),
     shared_posteriors: Sequence[Mapping[str, float]] = (),
-    clear: Mapping[str, float] | None = None,
+    touched: Mapping[str, float] | None = None,
 ) -> Diagnosis:
     """`shared` are findings of several groups together, each with a distribution over what may be in its place.
 
-    `clear` is the share of the motion in which each group touches nothing: what lies in the rest was not looked at.
+    `touched` is the share of the motion in which each group touches something: what lies in that was not looked at.
     """
     causes = len(shared) + sum(len(o.accepted) for o in outcomes)
     unknowns = [o.what_is_left.unknown(causes) for o in outcomes]
@@ -214,15 +214,17 @@ def conclude(
         },
         moved_parameters=tuple(moved for o in outcomes for moved in o.moved),
         interrupted=interrupted,
-        notes=(
-            *(f"{name} was left out: it touches something nearly all the time" for name in touching),
-            *(
-                f"{name} was judged by {share:.0%} of its motion: in the rest it touches something"
-                for name, share in (clear or {}).items()
-                if share < LEAST_SHARE_CLEAR
-            ),
-        ),
+        notes=_left_out(touching, touched or {}),
     )
+
+
+def _left_out(touching: Sequence[str], touched: Mapping[str, float]) -> tuple[str, ...]:
+    """What was not looked at as it touches something: groups, and of others much of their motion."""
+    notes = [f"{name} was left out: it touches something nearly all the time" for name in touching]
+    much = [f"{name} ({share:.0%})" for name, share in touched.items() if share > MUCH_TOUCHED]
+    if much:
+        notes.append(f"left out of the motion, as something is touched: {', '.join(much)}")
+    return tuple(notes)
 
 
 def _ranked(findings: Sequence[Finding]) -> list[Finding]:

@@ -19,7 +19,6 @@ from twin_daemon.diagnosis.thresholds import MOST_EFFECTS
 from twin_daemon.diagnosis.unit_search import UnitSearch, units
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding
 from twin_daemon.estimation.partition import Reduced, Reduction
-from twin_daemon.estimation.windows import length_s
 from twin_daemon.executor import OutOfTime, TimeLimit, concurrently
 from twin_daemon.places import ROBOT
 from twin_daemon.simulation.alignment import Aligned, moving_joints
@@ -51,7 +50,7 @@ def diagnose(
     outcomes: list[Outcome] = []
     findings: list[Finding] = []
     touching: list[str] = []
-    partly: dict[str, float] = {}
+    touched: dict[str, float] = {}
     above: list[tuple[Reduced, PartFit]] = []
     causes: list[Mapping[str, float]] = []
     shared: Shared | None = None
@@ -60,8 +59,7 @@ def diagnose(
         chosen = [(g, [n for n in moving if n in g.joints]) for g in drive_groups(twin)]
         cut = [(g.name, reduction.of(twin, g, own)) for g, own in chosen if own]
         touching = [name for name, reduced in cut if reduced is None]
-        whole_s = length_s(train)
-        partly = {name: length_s(reduced.train) / whole_s for name, reduced in cut if reduced is not None}
+        touched = {r.name: reduction.share_touching(r.joints) for _, r in cut if r is not None}
         begun = concurrently(at_nominal, [reduced for _, reduced in cut if reduced is not None])
         shared = of_all(twin, reduction, begun, limit, seed, say)
         looked_at = [] if shared else concurrently(_looked_at, begun)
@@ -113,7 +111,7 @@ def diagnose(
         if not judged & set(reduced.joints):
             outcomes.append(replace(begun_outcome(reduced, part), unfinished=True))
     interrupted = interrupted or any(outcome.unfinished for outcome in outcomes)
-    return conclude(twin, train, outcomes, touching, interrupted, findings, causes, partly)
+    return conclude(twin, train, outcomes, touching, interrupted, findings, causes, touched)
 
 
 def _looked_at(begun: tuple[Reduced, PartFit]) -> tuple[Reduced, PartFit]:

@@ -162,6 +162,6 @@ TELLING = Threshold(3.0, "floors", "of expected difference, rms: less is said to
 
 # -- what is shown -------------------------------------------------------------------------------------------
 
-LEAST_SHARE_CLEAR = Threshold(0.5, "1", "of its motion in which a group touches nothing: below it that is said")
 MOST_NAMED = Count(6, "effects", "named in a reason, of those that a motion could not have shown")
+MUCH_TOUCHED = Threshold(0.5, "1", "of its motion in which a group touches something: above it that is said")
 WORST_SHOWN = Count(12, "rows", "of joints and conditions where the model fails most")

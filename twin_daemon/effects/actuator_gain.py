@@ -43,8 +43,8 @@ class ActuatorGain(Effect):
 
     def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:
         actuator = spec.actuator(place.actuator)
+        damping = servo_damping(spec, place)  # of the gain that it has yet: it may be given as a damping ratio
         actuator.gainprm = actuator.gainprm * values["factor"]
-        damping = servo_damping(spec, place)
         actuator.biasprm = actuator.biasprm * values["factor"]
         actuator.biasprm[2] = -damping * values["factor"] ** (1.0 - values["derivative"])
         actuator.forcerange = np.asarray(actuator.forcerange) * values["limit"]

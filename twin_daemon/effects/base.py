@@ -117,8 +117,8 @@ class Scale:
     `kp` N m/rad of the actuator that drives it, `force_nm` its limit (or kp times 0.1 rad where it has none),
     `damping` N m s/rad, `frictionloss` N m, `inertia` kg m2 about the joint at rest with its `armature`, `lower` and
     `upper` rad the range of the joint or of the actuated quantity, `step_s` the model's time step, `kv` N m s/rad the
-    actuator's derivative gain. A model without
-    damping or friction has what a servo of its kind would show: a tenth of critical, a thousandth of its stiffness.
+    actuator's derivative gain. A model without damping or friction has what a servo of its kind would show: a tenth of
+    critical, a thousandth of its stiffness.
     """
 
     kp: float

@@ -184,6 +184,12 @@ class Reduction:
             whole = self._whole = [Needed(twin, motion) for motion in self._motions or ()]
         return whole
 
+    def share_touching(self, joints: Sequence[str]) -> float:
+        """The share of the fitted motion that is left out, as branches with some of the joints touch something."""
+        found = [self._touched(masks, joints) for masks in self._touching[: len(self._train)]]
+        masks = [mask for mask in found if mask is not None]
+        return float(np.concatenate(masks).mean()) if masks else 0.0
+
     def _touched(self, masks: Mapping[str, np.ndarray], joints: Sequence[str]) -> np.ndarray | None:
         """(n,) bool: when any branch that has some of the joints touches something."""
         found = [masks[b.name] for b in self._branches if b.name in masks and set(joints) & set(b.joints)]

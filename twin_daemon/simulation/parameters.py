@@ -109,6 +109,8 @@ def _write_kp(model: mujoco.MjModel, actuator: int, value: float) -> None:
 
 
 def _edit_kp(actuator: Any, value: float) -> None:
+    if actuator.biasprm[2] > 0.0:  # a damping ratio, which is of the gain: the derivative gain stays, as in a model
+        actuator.biasprm[2] *= np.sqrt(actuator.gainprm[0] / value)
     actuator.gainprm[0] = value
     actuator.biasprm[1] = -value
 
