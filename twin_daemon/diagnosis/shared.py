@@ -167,14 +167,24 @@ class SharedSearch:
         return None
 
     def _projected(self, cause: SharedCause, start: Mapping[str, float]) -> list[_Begun]:
-        """A load, whose torques grow in proportion to it, as strong as a light one says that it should be."""
+        """A load, whose torques grow in proportion to it, as strong as a light one says that it should be.
+
+        What is further than the motion stays in proportion would be worse than the light one, and is halved.
+        """
         light = self._at(cause, start, SHARED_SHARES[-1])
         if light is None:
             return []
         change = (light.rows - self._nothing) / SHARED_SHARES[-1]
         share = float(np.clip(-(change @ self._nothing) / max(change @ change, 1e-30), 0.0, 1.0))
-        full = self._at(cause, start, share) if share > SHARED_SHARES[-1] else None
-        return [light] if full is None else [light, full]
+        found = [light]
+        for _ in range(SHARED_HALVINGS + 1):
+            full = self._at(cause, start, share) if share > SHARED_SHARES[-1] else None
+            if full is not None:
+                found.append(full)
+            if full is None or full.cost < light.cost:
+                break
+            share *= 0.5
+        return found
 
     def fitted(self, begun: _Begun, limit: TimeLimit, reach: float = np.inf) -> tuple[_Begun, np.ndarray]:
         """(where Gauss-Newton takes a cause, (m, q) slopes there); what comes to no cost within `reach` is left.

@@ -1,0 +1,59 @@
+"""A load that all joints of a chain carry, and that is far heavier than the one that is tried first."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from tests.simulation.made import Motion, recorded
+from twin_daemon.diagnosis.group import at_nominal
+from twin_daemon.diagnosis.shared import SharedSearch
+from twin_daemon.diagnosis.shared_cause import SharedCause
+from twin_daemon.effects import LIBRARY
+from twin_daemon.estimation.partition import Reduction
+from twin_daemon.executor import TimeLimit
+from twin_daemon.hand import load_hand
+from twin_daemon.simulation.alignment import align
+from twin_daemon.simulation.submodel import drive_groups
+from twin_daemon.simulation.terms import EffectTerm, Terms
+from twin_daemon.simulation.twin import TwinModel
+
+JOINTS = ("shoulder", "elbow", "wrist")
+LOAD_KG = 1.6
+
+_LINK = """<body name="{0}_link" pos="{1} 0 0"><joint name="{0}" axis="0 1 0" range="-2 2" damping="2" armature="0.3"/>
+<geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.03" mass="1" contype="0" conaffinity="0"/>"""
+_SERVO = '<position name="{0}" joint="{0}" kp="{1}" kv="{2}" ctrlrange="-2 2" forcerange="-30 30"/>'
+
+
+def _arm(folder: Path) -> TwinModel:
+    links = "".join(_LINK.format(name, 0.3 if i else 0.0) for i, name in enumerate(JOINTS))
+    servos = "".join(_SERVO.format(name, kp, 0.05 * kp) for name, kp in zip(JOINTS, (2000, 1000, 500), strict=True))
+    path = folder / "arm.xml"
+    path.write_text(
+        '<mujoco model="arm"><compiler angle="radian"/><option timestep="0.002" integrator="implicitfast"/>'
+        f"<worldbody>{links}{'</body>' * len(JOINTS)}</worldbody><actuator>{servos}</actuator></mujoco>"
+    )
+    return TwinModel.load(load_hand(model=path))
+
+
+def test_a_load_that_a_light_one_says_too_much_of_begins_at_less(tmp_path: Path) -> None:
+    """A servo that it brings to its limit of torque falls behind out of proportion."""
+    twin = _arm(tmp_path)
+    times = [0.0, 0.5, 1.0, 2.0, 2.5, 3.5, 4.0, 5.0, 6.0]
+    moves: Motion = {
+        joint: (times, [0.0, 0.0, *(0.5 * (-1) ** (i // (n + 1)) for i in range(6)), 0.0])
+        for n, joint in enumerate(JOINTS)
+    }
+    load = EffectTerm(effect="payload", target="wrist", values={"mass": LOAD_KG, "at": 1.0})
+    plant = twin.changed(Terms(effects=(load,)))
+    made = align(twin, recorded(plant, moves, np.random.default_rng(3), seconds=6.0, noise_rad=3e-5))
+    reduction = Reduction(twin, [made], [])
+    cut = [reduction.of(twin, group, group.joints) for group in drive_groups(twin)]
+    search = SharedSearch(twin, reduction, [at_nominal(reduced) for reduced in cut if reduced is not None])
+    cause = SharedCause(LIBRARY["payload"], "wrist")
+    (begun,) = search.begun(cause, TimeLimit())
+    nothing = search.at(cause, {"mass": 0.0, "at": 1.0})
+    assert begun.cost < 0.2 * nothing.cost
+    assert begun.values["mass"] > 0.5 * LOAD_KG
