@@ -9,6 +9,7 @@ import pytest
 
 from tests.simulation.made import FINGER, Motion, recorded
 from twin_daemon.comparison.split import hold_out
+from twin_daemon.estimation.partition import Reduction
 from twin_daemon.estimation.problem import Problem
 from twin_daemon.estimation.windows import _piece, _Turning, length_s, segments
 from twin_daemon.simulation.alignment import Aligned, align
@@ -148,6 +149,39 @@ def test_fingers_that_are_pushed_together_touch(twin: TwinModel) -> None:
     pose[1, twin.joints.index("rh_FFJ4")] = 0.349
     pose[1, twin.joints.index("rh_MFJ4")] = -0.349
     masks = touching_times(twin, parts(twin), pose, 1e-3)
-    assert masks["FF"].tolist() == [False, True]
-    assert masks["MF"].tolist() == [False, True]
-    assert not masks["thumb"].any()
+    for finger in ("FF", "MF"):
+        near, touched = masks[finger]
+        assert near.tolist() == touched.tolist() == [False, True]
+    assert not any(mask.any() for mask in masks["thumb"])
+
+
+def test_fingers_that_pass_each_other_are_near_and_touch_only_while_one_of_the_poses_does(twin: TwinModel) -> None:
+    towards = np.linspace(0.0, 0.349, 200)
+    pose = np.zeros((len(towards), len(twin.joints)))
+    pose[:, twin.joints.index("rh_FFJ4")] = towards
+    pose[:, twin.joints.index("rh_MFJ4")] = -towards
+    near, touched = touching_times(twin, parts(twin), pose, 1e-3)["FF"]
+    first = int(np.argmax(near))
+    assert 0 < first < len(towards)
+    assert near[first:].all()
+    assert (touched == near).all()  # a run of poses with a touch in it is one
+    apart = first + int(0.5 * (np.argmax(touching_times(twin, parts(twin), pose, 1e-6)["FF"][0]) - first))
+    near, touched = touching_times(twin, parts(twin), pose[: apart + 1], 1e-3)["FF"]
+    assert near[apart]
+    assert not touched.any()
+
+
+def test_motion_in_which_fingers_only_pass_each_other_is_left_out_at_first(twin: TwinModel) -> None:
+    together = np.zeros((200, len(twin.joints)))
+    together[:, twin.joints.index("rh_FFJ4")] = np.linspace(0.0, 0.349, len(together))
+    together[:, twin.joints.index("rh_MFJ4")] = -together[:, twin.joints.index("rh_FFJ4")]
+    found = [touching_times(twin, parts(twin), together, margin_m)["FF"][0] for margin_m in (1e-3, 1e-6)]
+    near, touch = (together[np.argmax(mask), twin.joints.index("rh_FFJ4")] for mask in found)
+    angle = 0.5 * float(near + touch)
+    moves: Motion = {
+        finger: ([0.0, 0.5, 1.5, 4.0, 5.0], [0.0, 0.0, sign * angle, sign * angle, 0.0])
+        for finger, sign in (("rh_FFJ4", 1.0), ("rh_MFJ4", -1.0))
+    }
+    reduction = Reduction(twin, [align(twin, recorded(twin, moves, np.random.default_rng(0)))], [])
+    assert reduction.clear_s(["rh_FFJ4"]) < 4.0
+    assert reduction.where_near().clear_s(["rh_FFJ4"]) > 5.0

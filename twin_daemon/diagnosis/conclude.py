@@ -9,13 +9,13 @@ from twin_daemon.comparison.conditions import errors_by_condition
 from twin_daemon.diagnosis.candidates import Hypothesis
 from twin_daemon.diagnosis.far_off import beyond_any_hand
 from twin_daemon.diagnosis.fit import Fit, own_estimates
+from twin_daemon.diagnosis.left_out import LeftOut
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.probability import Left, combined, posterior
 from twin_daemon.diagnosis.thresholds import (
     DECISIVE_NATS,
     FORBIDDEN_SIGMA,
     MOST_NAMED,
-    MUCH_TOUCHED,
     SURE,
     WORST_SHOWN,
 )
@@ -126,16 +126,12 @@ def conclude(
     twin: TwinModel,
     train: Sequence[Aligned],
     outcomes: Sequence[Outcome],
-    touching: Sequence[str],
+    left_out: LeftOut,
     interrupted: bool,
     shared: Sequence[Finding] = (),
     shared_posteriors: Sequence[Mapping[str, float]] = (),
-    touched: Mapping[str, float] | None = None,
 ) -> Diagnosis:
-    """`shared` are findings of several groups together, each with a distribution over what may be in its place.
-
-    `touched` is the share of the motion in which each group touches something: what lies in that was not looked at.
-    """
+    """`shared` are findings of several groups together, each with a distribution over what may be in its place."""
     causes = len(shared) + sum(len(o.accepted) for o in outcomes)
     unknowns = [o.what_is_left.unknown(causes) for o in outcomes]
     findings = [*shared]
@@ -160,7 +156,8 @@ def conclude(
         verdict, reason = "unexplained", "interrupted before any part of the hand was judged"
     elif not outcomes:
         verdict = "not_excited"
-        reason = f"{', '.join(touching)}: touching something, or too short: record some seconds clear of contacts"
+        which = ", ".join(left_out.touching)
+        reason = f"{which}: touching something, or too short: record some seconds clear of contacts"
     elif all(o.within_floor and o.undetectable for o in outcomes):
         verdict, reason = "not_excited", _too_poor(outcomes[0])
     elif not above and not shared:
@@ -214,17 +211,8 @@ def conclude(
         },
         moved_parameters=tuple(moved for o in outcomes for moved in o.moved),
         interrupted=interrupted,
-        notes=_left_out(touching, touched or {}),
+        notes=left_out.notes(),
     )
-
-
-def _left_out(touching: Sequence[str], touched: Mapping[str, float]) -> tuple[str, ...]:
-    """What was not looked at as it touches something: groups, and of others much of their motion."""
-    notes = [f"{name} was left out: it touches something nearly all the time" for name in touching]
-    much = [f"{name} ({share:.0%})" for name, share in touched.items() if share > MUCH_TOUCHED]
-    if much:
-        notes.append(f"left out of the motion, as something is touched: {', '.join(much)}")
-    return tuple(notes)
 
 
 def _ranked(findings: Sequence[Finding]) -> list[Finding]:

@@ -11,6 +11,8 @@ from twin_daemon.diagnosis.conclude import Outcome, conclude, nothing_moves
 from twin_daemon.diagnosis.everywhere import at_all, behind_all, in_common, of_all, said_once, with_everywhere
 from twin_daemon.diagnosis.floor_check import above_floor
 from twin_daemon.diagnosis.group import at_nominal, look
+from twin_daemon.diagnosis.left_out import LeftOut
+from twin_daemon.diagnosis.near import when_near
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.part_search import begun_outcome
 from twin_daemon.diagnosis.selection import Say
@@ -49,8 +51,7 @@ def diagnose(
     reduction = Reduction(twin, train, holdout)
     outcomes: list[Outcome] = []
     findings: list[Finding] = []
-    touching: list[str] = []
-    touched: dict[str, float] = {}
+    left_out = LeftOut()
     above: list[tuple[Reduced, PartFit]] = []
     causes: list[Mapping[str, float]] = []
     shared: Shared | None = None
@@ -58,9 +59,10 @@ def diagnose(
     try:
         chosen = [(g, [n for n in moving if n in g.joints]) for g in drive_groups(twin)]
         cut = [(g.name, reduction.of(twin, g, own)) for g, own in chosen if own]
-        touching = [name for name, reduced in cut if reduced is None]
-        touched = {r.name: reduction.share_touching(r.joints) for _, r in cut if r is not None}
-        begun = concurrently(at_nominal, [reduced for _, reduced in cut if reduced is not None])
+        groups = [reduced for _, reduced in cut if reduced is not None]
+        left_out.touching = [name for name, reduced in cut if reduced is None]
+        left_out.cut(reduction, groups)
+        begun = concurrently(at_nominal, groups)
         shared = of_all(twin, reduction, begun, limit, seed, say)
         looked_at = [] if shared else concurrently(_looked_at, begun)
         late = common_delay([part for _, part in looked_at if part.within_floor])
@@ -77,7 +79,10 @@ def diagnose(
             shared = behind_all(twin, reduction, above, len(looked_at), limit, seed, say)
         elif not above and shared is None:
             shared = in_common(twin, reduction, looked_at, limit, seed, say)
-        groups = [reduced for reduced, _ in begun]
+        if not above and shared is None:
+            reduction, above = when_near(twin, reduction, groups, outcomes, seed, say)
+            left_out.cut(reduction, groups)
+            left_out.near = [reduced.name for reduced, _ in above]
         while shared is not None:
             theirs = {part.joints for _, part in shared.looked_at}
             outcomes = [outcome for outcome in outcomes if outcome.joints not in theirs]
@@ -97,7 +102,7 @@ def diagnose(
             groups = [with_everywhere(group, finding) for group in groups]
             shared = behind_all(twin, reduction, above, len(begun), limit, seed, say) if len(above) > 1 else None
         fitted = as_fitted(twin, looked_at)
-        search = UnitSearch(twin, reduction, fitted, seed, say, most_effects, limit, outcomes, touching)
+        search = UnitSearch(twin, reduction, fitted, seed, say, most_effects, limit, outcomes, left_out.touching)
         for unit in units(twin, above):
             search.search(unit)
         if not findings and (once := said_once(groups, outcomes, seed, say)):
@@ -111,7 +116,7 @@ def diagnose(
         if not judged & set(reduced.joints):
             outcomes.append(replace(begun_outcome(reduced, part), unfinished=True))
     interrupted = interrupted or any(outcome.unfinished for outcome in outcomes)
-    return conclude(twin, train, outcomes, touching, interrupted, findings, causes, touched)
+    return conclude(twin, train, outcomes, left_out, interrupted, findings, causes)
 
 
 def _looked_at(begun: tuple[Reduced, PartFit]) -> tuple[Reduced, PartFit]:

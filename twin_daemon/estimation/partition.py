@@ -45,7 +45,8 @@ class Reduction:
     def __init__(self, twin: TwinModel, train: Sequence[Aligned], holdout: Sequence[Aligned]) -> None:
         self._train, self._holdout = train, holdout
         self._branches = parts(twin)
-        self._touching = [_touching(twin, self._branches, r) for r in (*train, *holdout)]
+        both = [_touching(twin, self._branches, r) for r in (*train, *holdout)]
+        self._touching, self._touching_for_sure = ([one[i] for one in both] for i in range(2))
         self._motions: list[Motion] | None = None
         self._whole: list[Needed] = []
         self._paths: list[LinkPaths] | None = None
@@ -184,11 +185,21 @@ class Reduction:
             whole = self._whole = [Needed(twin, motion) for motion in self._motions or ()]
         return whole
 
+    def where_near(self) -> Reduction:
+        """The same with the motion in which a part only comes near something, and touches nothing."""
+        other = copy.copy(self)
+        other._touching = self._touching_for_sure
+        return other
+
     def share_touching(self, joints: Sequence[str]) -> float:
         """The share of the fitted motion that is left out, as branches with some of the joints touch something."""
         found = [self._touched(masks, joints) for masks in self._touching[: len(self._train)]]
         masks = [mask for mask in found if mask is not None]
         return float(np.concatenate(masks).mean()) if masks else 0.0
+
+    def clear_s(self, joints: Sequence[str]) -> float:
+        """How long (s) the fitted motion is that is not left out."""
+        return (1.0 - self.share_touching(joints)) * sum(float(np.ptp(r.time_s)) for r in self._train)
 
     def _touched(self, masks: Mapping[str, np.ndarray], joints: Sequence[str]) -> np.ndarray | None:
         """(n,) bool: when any branch that has some of the joints touches something."""
@@ -245,9 +256,16 @@ def _poses(twin: TwinModel, recording: Aligned) -> np.ndarray:
     return twin.measurement.invert(twin.joints, recording.states)
 
 
-def _touching(twin: TwinModel, found: Sequence[Part], recording: Aligned) -> Mapping[str, np.ndarray]:
-    """(n,) bool by part. The trunk is left out: what its branches do to each other does not move it."""
+def _touching(
+    twin: TwinModel, found: Sequence[Part], recording: Aligned
+) -> tuple[Mapping[str, np.ndarray], Mapping[str, np.ndarray]]:
+    """(n,) bool by part: when it is near something, and when it touches something.
+
+    The trunk is left out: what its branches do to each other does not move it.
+    """
     stride = max(1, round(CONTACT_EVERY_S / float(np.median(np.diff(recording.time_s)))))
     masks = touching_times(twin, found, _poses(twin, recording)[::stride], CONTACT_MARGIN_M)
     count = len(recording.time_s)
-    return {name: np.repeat(mask, stride)[:count] for name, mask in masks.items() if name != "trunk"}
+    branches = [name for name in masks if name != "trunk"]
+    near, touched = ({name: np.repeat(masks[name][i], stride)[:count] for name in branches} for i in range(2))
+    return near, touched

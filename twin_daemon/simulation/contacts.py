@@ -15,23 +15,43 @@ from twin_daemon.simulation.twin import TwinModel
 def touching_parts(twin: TwinModel, found: Sequence[Part], poses: np.ndarray) -> set[frozenset[str]]:
     """Pairs of parts (by name) that touch in any of the true poses (n, j) rad; a part that touches itself or the
     trunk comes alone."""
-    return set().union(*_touches(twin, found, poses, 0.0))
+    return {pair for pairs in _distances_m(twin, found, poses, 0.0) for pair in pairs}
 
 
 def touching_times(
     twin: TwinModel, found: Sequence[Part], poses: np.ndarray, margin_m: float
-) -> Mapping[str, np.ndarray]:
-    """(n,) bool by part: in which of the true poses (n, j) rad it comes within a margin of anything."""
-    masks = {part.name: np.zeros(len(poses), bool) for part in found}
-    for index, pairs in enumerate(_touches(twin, found, poses, margin_m)):
-        for name in {name for pair in pairs for name in pair} & masks.keys():
-            masks[name][index] = True
-    return masks
+) -> Mapping[str, tuple[np.ndarray, np.ndarray]]:
+    """((n,), (n,)) bool by part: when something is near it, and when touches it, in true poses (n, j) rad in order.
+
+    Near is what is within a margin. A touch lasts as long as the two are near, as no shape is better known.
+    """
+    near, touched = ({part.name: np.zeros(len(poses), bool) for part in found} for _ in range(2))
+    apart: dict[frozenset[str], np.ndarray] = {}
+    for index, pairs in enumerate(_distances_m(twin, found, poses, margin_m)):
+        for pair, distance_m in pairs.items():
+            apart.setdefault(pair, np.full(len(poses), np.inf))[index] = distance_m
+    for pair, distances_m in apart.items():
+        within = np.isfinite(distances_m)
+        touching = _runs_with(within, distances_m <= 0.0)
+        for name in pair & near.keys():
+            near[name] |= within
+            touched[name] |= touching
+    return {name: (near[name], touched[name]) for name in near}
 
 
-def _touches(
+def _runs_with(near: np.ndarray, touch: np.ndarray) -> np.ndarray:
+    """(n,) bool: the runs of `near` (n,) that have a `touch` (n,) in them."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]]).astype(int))).reshape(-1, 2)
+    found = np.zeros(len(near), bool)
+    for begin, end in edges:
+        found[begin:end] = touch[begin:end].any()
+    return found
+
+
+def _distances_m(
     twin: TwinModel, found: Sequence[Part], poses: np.ndarray, margin_m: float
-) -> Iterator[set[frozenset[str]]]:
+) -> Iterator[dict[frozenset[str], float]]:
+    """For each pose how far apart the pairs of parts are that are within the margin: negative where they overlap."""
     model = twin.base_model
     if margin_m and model.ngeom:
         model = twin.base_model.__copy__()
@@ -46,12 +66,14 @@ def _touches(
         [int(model.joint(twin.hand.description.joints[n].joint).qposadr[0]) for n in twin.joints], dtype=int
     )
     for pose in poses:
-        pairs: set[frozenset[str]] = set()
+        pairs: dict[frozenset[str], float] = {}
         if model.ngeom:
             known = np.isfinite(pose)
             data.qpos[addresses[known]] = pose[known]
             mujoco.mj_kinematics(model, data)
             mujoco.mj_comPos(model, data)
             mujoco.mj_collision(model, data)
-            pairs = {frozenset(of_body[body] for body in touch.bodies) for touch in touches(model, data)}
+            for touch in touches(model, data):
+                pair = frozenset(of_body[body] for body in touch.bodies)
+                pairs[pair] = min(touch.distance_m, pairs.get(pair, np.inf))
         yield pairs

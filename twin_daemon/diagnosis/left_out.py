@@ -1,0 +1,38 @@
+"""What was not looked at as something is touched, or only after all else, and what an answer says of that."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from twin_daemon.diagnosis.thresholds import MUCH_TOUCHED
+from twin_daemon.estimation.partition import Reduced, Reduction
+from twin_daemon.estimation.thresholds import CONTACT_MARGIN_M
+
+
+@dataclass
+class LeftOut:
+    """Groups that touch something nearly all the time; the share of motion that was left out of others by group; and
+    groups at which only motion near something else showed an error.
+    """
+
+    touching: list[str] = field(default_factory=list)
+    shares: Mapping[str, float] = field(default_factory=dict)
+    near: Sequence[str] = ()
+
+    def cut(self, reduction: Reduction, groups: Sequence[Reduced]) -> None:
+        """Notes how much of the motion of groups a reduction leaves out."""
+        self.shares = {group.name: reduction.share_touching(group.joints) for group in groups}
+
+    def notes(self) -> tuple[str, ...]:
+        """What an answer says of it, for people."""
+        notes = [f"{name} was left out: it touches something nearly all the time" for name in self.touching]
+        much = [f"{name} ({share:.0%})" for name, share in self.shares.items() if share > MUCH_TOUCHED]
+        if much:
+            notes.append(f"left out of the motion, as something is touched: {', '.join(much)}")
+        if self.near:
+            notes.append(
+                f"{', '.join(self.near)}: seen only while less than {1e3 * CONTACT_MARGIN_M:.0f} mm from another part, "
+                "by the model's shapes; a touch that they do not show would look like it"
+            )
+        return tuple(notes)
