@@ -16,6 +16,7 @@ from tests.simulation.made import recorded as moved_finger
 from twin_daemon.diagnosis.as_fitted import as_fitted, with_values
 from twin_daemon.diagnosis.conclude import Outcome, conclude
 from twin_daemon.diagnosis.fit import moved_parameters
+from twin_daemon.diagnosis.left_out import LeftOut
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.estimation.nuisances import beside, factors, nuisance_variables
 from twin_daemon.estimation.partition import Reduced, Reduction
@@ -47,7 +48,7 @@ def test_a_slow_closing_shows_too_little_to_call_a_hand_sound(
 @pytest.mark.parametrize(("sigma", "verdict"), [(8.7, "unexplained"), (4.5, "within_noise")])
 def test_a_parameter_beyond_any_plausible_hand_is_no_noise(twin: TwinModel, sigma: float, verdict: str) -> None:
     outcome = Outcome("FF", (JOINT,), 0.4, {f"{JOINT}.armature": sigma}, left=0.3)
-    said = conclude(twin, (), [outcome], (), False)
+    said = conclude(twin, (), [outcome], LeftOut(), False)
     assert said.verdict == verdict
     assert (f"{JOINT}.armature" in said.reason) == (verdict == "unexplained")
 
@@ -59,15 +60,17 @@ def test_a_parameter_beyond_any_plausible_hand_is_no_noise(twin: TwinModel, sigm
 def test_held_out_motion_alone_asks_for_more_to_be_a_new_law(
     twin: TwinModel, chi_square: float, left: float, verdict: str
 ) -> None:
-    said = conclude(twin, (), [Outcome("FF", (JOINT,), chi_square, {}, left=left)], (), False)
+    said = conclude(twin, (), [Outcome("FF", (JOINT,), chi_square, {}, left=left)], LeftOut(), False)
     assert said.verdict == verdict
 
 
 def test_much_motion_that_is_left_out_for_what_it_touches_is_said(twin: TwinModel) -> None:
     outcome = Outcome("FF", (JOINT,), 0.5, {}, within_floor=True)
-    said = conclude(twin, (), [outcome], ("LF",), False, touched={"FF": 0.62, "MF": 0.3})
+    left_out = LeftOut(touching=["LF"], shares={"FF": 0.62, "MF": 0.3}, near=["RF"])
+    said = conclude(twin, (), [outcome], left_out, False)
     assert any("LF" in note for note in said.notes)
     assert any("FF (62%)" in note for note in said.notes)
+    assert any("RF: seen only" in note for note in said.notes)
     assert not any("MF" in note for note in said.notes)
 
 
@@ -75,7 +78,7 @@ def test_much_motion_that_is_left_out_for_what_it_touches_is_said(twin: TwinMode
 def test_one_part_that_moved_richly_makes_a_hand_sound(twin: TwinModel, parts: tuple[str, ...], verdict: str) -> None:
     outcomes = [Outcome(name, (JOINT,), 0.5, {}, within_floor=True) for name in parts]
     outcomes[0].undetectable = [f"armature:{JOINT}", f"actuator_lag:{JOINT}"]
-    assert conclude(twin, (), outcomes, (), False).verdict == verdict
+    assert conclude(twin, (), outcomes, LeftOut(), False).verdict == verdict
 
 
 def test_a_damping_that_is_off_but_plausible_is_said_with_its_value(twin: TwinModel) -> None:

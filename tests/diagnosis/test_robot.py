@@ -10,6 +10,7 @@ from tests.diagnosis.conftest import called
 from tests.diagnosis.rig import DELAY_S, LAZY, SERVOS, changed_rig, late_rig
 from twin_daemon.cli.app import main
 from twin_daemon.diagnosis.group import at_nominal
+from twin_daemon.diagnosis.search import diagnose
 from twin_daemon.diagnosis.shared import SharedSearch
 from twin_daemon.diagnosis.shared_cause import SharedCause
 from twin_daemon.effects import LIBRARY
@@ -18,6 +19,8 @@ from twin_daemon.estimation.partition import Reduction
 from twin_daemon.executor import TimeLimit
 from twin_daemon.hand import load_hand
 from twin_daemon.places import ROBOT
+from twin_daemon.recordings.load import load_recording
+from twin_daemon.simulation.alignment import align
 from twin_daemon.simulation.submodel import drive_groups
 from twin_daemon.simulation.terms import EffectTerm, Terms
 from twin_daemon.simulation.twin import TwinModel
@@ -193,3 +196,14 @@ def test_a_late_bus_is_one_cause_where_one_joint_has_something_of_its_own_as_wel
     assert set(found["command_delay"]["joints"]) == set(SERVOS)
     low, high = found["command_delay"]["parameters"]["delay"]["ci95"]
     assert low < DELAY_S < high
+
+
+def test_a_look_at_the_whole_robot_alone_searches_no_group(tmp_path: Path) -> None:
+    model, fit, other = changed_rig(tmp_path, "spring", {"stiffness": 0.5}, target="left")
+    session = open_session(None, model)
+    made = [align(session.twin, load_recording(bag)) for bag in (fit, other)]
+    looked_at = diagnose(session.twin, made[:1], made[1:], most_effects=0)
+    assert not looked_at.findings
+    assert not looked_at.interrupted
+    assert looked_at.parts["left"].times_floor > 10.0
+    assert not looked_at.tried

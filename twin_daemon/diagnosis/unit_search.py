@@ -10,7 +10,7 @@ from twin_daemon.diagnosis.conclude import Outcome
 from twin_daemon.diagnosis.floor_check import above_floor, by_parameters
 from twin_daemon.diagnosis.group import look
 from twin_daemon.diagnosis.part_fit import PartFit
-from twin_daemon.diagnosis.part_search import PartSearch, Progress
+from twin_daemon.diagnosis.part_search import PartSearch, Progress, begun_outcome
 from twin_daemon.diagnosis.screening import AskedBefore
 from twin_daemon.diagnosis.selection import Say
 from twin_daemon.diagnosis.thresholds import GONE_FAR
@@ -45,15 +45,18 @@ class UnitSearch:
 
         What is found at the worst one often is all: its neighbours were told a wrong motion of it, or a wrong load. So
         they are looked at anew with it. Where no effect of one group explains it, all that are left are searched as
-        one.
+        one. Of a search for no effect of a group each of them only says what it leaves.
         """
+        if not self.most_effects:
+            self.outcomes.extend(begun_outcome(reduced, part) for reduced, part in unit)
+            return
         twin, left, before = self.twin, list(unit), None
         while len(left) > 1:
             left.sort(key=lambda item: -float(item[1].times_floor.max()))
             reduced, part = left[0]
             outcome = self._searched(twin, part, reduced)
             # of one effect each no more is asked than what it leaves: all values are fitted together behind it
-            enough = outcome.explains or (self.most_effects == 1 and outcome.left <= 1.0)
+            enough = outcome.explains or (self.most_effects == 1 and outcome.fitted <= 1.0)
             if not outcome.accepted or not enough:
                 before = _asked(outcome)
                 break
@@ -108,7 +111,7 @@ class UnitSearch:
         came out wrong, and no law explains that.
         """
         first = begun.outcome
-        if begun.ended or not (first.accepted and self.reduction.carries):
+        if begun.ended or self.most_effects == 1 or not (first.accepted and self.reduction.carries):
             return None
         reduction = self.reduction.following(self._as_fitted(_with_found(twin, first), first))
         again = reduction.together(twin, [reduced])
