@@ -263,16 +263,17 @@ def test_the_distal_joint_stays_behind_while_the_finger_closes():
     assert split[-1, proximal] == pytest.approx(end, abs=0.02)
 
 
-@pytest.mark.parametrize("periods", [7.0, 25.0, 61.0])
+@pytest.mark.parametrize("periods", [7.0, 20.0, 25.0, 61.0])
 def test_a_ripples_waves_are_read_off_the_error_over_the_angle(smooth: TwinModel, periods: float):
     scale = smooth.scale("rh_FFJ3")
     angle = 0.7 + 0.6 * np.sin(np.linspace(0.0, 9.0, 2000))
     noise = np.random.default_rng(0).normal(0.0, 5e-4, angle.size)
     wave = 0.002 * np.sin(periods * angle + 1.0)
+    # its waves stay in step over the whole travel: what is off by half a wave there is another law to a fit
     best = LIBRARY["torque_ripple"].suggested(scale, Seen(angle, np.zeros_like(angle), 0.004 + noise + wave))[0]
     assert best["amplitude"] == pytest.approx(0.002 * scale.kp, rel=0.15)
     found = best["amplitude"] / scale.kp * np.sin(best["periods"] * angle + best["phase"])
-    assert found == pytest.approx(wave, abs=1.5e-3)
+    assert found == pytest.approx(wave, abs=3e-4)
 
 
 def test_a_stiff_stop_is_looked_for_where_the_joint_stands(smooth: TwinModel):

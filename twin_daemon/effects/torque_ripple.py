@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Seen, Story
 from twin_daemon.effects.edits import add_passive_motor
@@ -58,22 +59,34 @@ class TorqueRipple(Effect):
             return ()
         step = 0.25 * 2.0 * np.pi / travel
         fewest = max(_FEWEST, 2.0 * np.pi / travel)  # less than a wave over the travel is a spring
-        found = []
-        for periods in np.arange(fewest, _MOST, step):
-            waves = np.stack([np.sin(periods * angle), np.cos(periods * angle), np.ones_like(angle)], axis=1)
-            (sine, cosine, _), *_ = np.linalg.lstsq(waves, gap, rcond=None)
-            found.append((float(np.hypot(sine, cosine)), float(np.arctan2(cosine, sine)), float(periods)))
-        size = np.array([height for height, _, _ in found])
+        periods = np.arange(fewest, _MOST, step)
+        size = np.array([_wave(angle, gap, count)[0] for count in periods])
         beside = np.pad(size, 1)
         peaks = np.flatnonzero((size >= beside[:-2]) & (size >= beside[2:]))
         best = peaks[np.argsort(-size[peaks])][:_PEAKS]
-        times = [(i, 1.0) for i in best] + [(i, _SNAPPING) for i in best[:_SNAPS]]
+        # between two of the grid a wave may be 0.4 rad off at the ends of the travel
+        exact = [_highest(angle, gap, periods[i] - step, periods[i] + step) for i in best]
+        times = [(count, 1.0) for count in exact] + [(count, _SNAPPING) for count in exact[:_SNAPS]]
+        waves = [(count, more, *_wave(angle, gap, count)) for count, more in times]
         return tuple(
-            {"amplitude": more * scale.kp * found[i][0], "phase": found[i][1], "periods": found[i][2]}
-            for i, more in times
+            {"amplitude": more * scale.kp * height, "phase": phase, "periods": count}
+            for count, more, height, phase in waves
         )
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
         weak = 0.01 * scale.kp
         thirds = [0.0, 2.0 * np.pi / 3.0, -2.0 * np.pi / 3.0]
         return tuple({"amplitude": a, "phase": p, "periods": 24.0} for a in (weak, 4.0 * weak) for p in thirds)
+
+
+def _wave(angle: np.ndarray, gap: np.ndarray, periods: float) -> tuple[float, float]:
+    """(height, phase at angle 0) of the wave over angles (n,) rad that fits gaps (n,) rad best."""
+    waves = np.stack([np.sin(periods * angle), np.cos(periods * angle), np.ones_like(angle)], axis=1)
+    (sine, cosine, _), *_ = np.linalg.lstsq(waves, gap, rcond=None)
+    return float(np.hypot(sine, cosine)), float(np.arctan2(cosine, sine))
+
+
+def _highest(angle: np.ndarray, gap: np.ndarray, fewest: float, most: float) -> float:
+    """The waves a radian of the highest wave between two counts."""
+    found = minimize_scalar(lambda count: -_wave(angle, gap, count)[0], bounds=(fewest, most), method="bounded")
+    return float(found.x)
