@@ -14,8 +14,9 @@ from twin_daemon.effects.edits import add_passive_motor
 _FEWEST, _MOST = 3.0, 120.0  # waves a turn that are looked for
 _LEAST_TRAVEL_RAD = 0.2
 _PEAKS = 4
-_SNAPS = 2  # of them that are tried as strong ones too
-_SNAPPING = 3.0  # times the height that shows: steeper than the servo, a wave is jumped over for the most part
+_FIRST = 2  # of them that are tried at other heights than what shows too
+_SNAPPING = 3.0  # times it: steeper than the servo, a wave is jumped over for the most part
+_GENTLE = 0.5  # times it: where the servo is near its limit of torque, a little more runs away
 
 
 class TorqueRipple(Effect):
@@ -51,23 +52,22 @@ class TorqueRipple(Effect):
         The servo is a spring, so that a torque shows as its part of the stiffness, wherever motion is slow. Where a
         wave is steeper than that spring, the joint snaps from one valley to the next and hardly shows what is between.
         """
-        angle, gap = seen.angle, seen.gap
-        limit = 3.0 * float(np.median(np.abs(gap - np.median(gap)))) + 1e-9
-        gap = np.clip(gap - np.median(gap), -limit, limit)
-        travel = float(np.ptp(angle))
+        travel = float(np.ptp(seen.angle))
         if travel < _LEAST_TRAVEL_RAD:
             return ()
+        spectrum = _Spectrum(seen)
         step = 0.25 * 2.0 * np.pi / travel
         fewest = max(_FEWEST, 2.0 * np.pi / travel)  # less than a wave over the travel is a spring
         periods = np.arange(fewest, _MOST, step)
-        size = np.array([_wave(angle, gap, count)[0] for count in periods])
-        beside = np.pad(size, 1)
-        peaks = np.flatnonzero((size >= beside[:-2]) & (size >= beside[2:]))
-        best = peaks[np.argsort(-size[peaks])][:_PEAKS]
+        power = -np.array([spectrum.wave(count)[0] for count in periods])
+        beside = np.pad(power, 1, constant_values=-np.inf)
+        peaks = np.flatnonzero((power >= beside[:-2]) & (power >= beside[2:]))
+        best = peaks[np.argsort(-power[peaks])][:_PEAKS]
         # between two of the grid a wave may be 0.4 rad off at the ends of the travel
-        exact = [_highest(angle, gap, periods[i] - step, periods[i] + step) for i in best]
-        times = [(count, 1.0) for count in exact] + [(count, _SNAPPING) for count in exact[:_SNAPS]]
-        waves = [(count, more, *_wave(angle, gap, count)) for count, more in times]
+        exact = [spectrum.closest(periods[i] - step, periods[i] + step) for i in best]
+        times = [(count, 1.0) for count in exact]
+        times += [(count, more) for count in exact[:_FIRST] for more in (_SNAPPING, _GENTLE)]
+        waves = [(count, more, *spectrum.wave(count)[1:]) for count, more in times]
         return tuple(
             {"amplitude": more * scale.kp * height, "phase": phase, "periods": count}
             for count, more, height, phase in waves
@@ -79,14 +79,29 @@ class TorqueRipple(Effect):
         return tuple({"amplitude": a, "phase": p, "periods": 24.0} for a in (weak, 4.0 * weak) for p in thirds)
 
 
-def _wave(angle: np.ndarray, gap: np.ndarray, periods: float) -> tuple[float, float]:
-    """(height, phase at angle 0) of the wave over angles (n,) rad that fits gaps (n,) rad best."""
-    waves = np.stack([np.sin(periods * angle), np.cos(periods * angle), np.ones_like(angle)], axis=1)
-    (sine, cosine, _), *_ = np.linalg.lstsq(waves, gap, rcond=None)
-    return float(np.hypot(sine, cosine)), float(np.arctan2(cosine, sine))
+class _Spectrum:
+    """Waves over the angle in a gap, beside what a load, a stiffness and both frictions do to it.
 
+    What is further off than three times the typical error, as in fast motion, counts as that.
+    """
 
-def _highest(angle: np.ndarray, gap: np.ndarray, fewest: float, most: float) -> float:
-    """The waves a radian of the highest wave between two counts."""
-    found = minimize_scalar(lambda count: -_wave(angle, gap, count)[0], bounds=(fewest, most), method="bounded")
-    return float(found.x)
+    def __init__(self, seen: Seen) -> None:
+        self._angle = seen.angle
+        way = np.sign(seen.speed) * (np.abs(seen.speed) > np.median(np.abs(seen.speed)))
+        self._beside = np.stack([np.ones_like(seen.angle), seen.angle, seen.speed, way])
+        own = self._beside.T @ np.linalg.lstsq(self._beside.T, seen.gap, rcond=None)[0]
+        off = seen.gap - own
+        limit = 3.0 * float(np.median(np.abs(off))) + 1e-9
+        self._gap = np.clip(off, -limit, limit)
+
+    def wave(self, periods: float) -> tuple[float, float, float]:
+        """(what is left, rad^2; height, rad; phase at angle 0) of the best wave of so many periods a radian."""
+        waves = np.stack([np.sin(periods * self._angle), np.cos(periods * self._angle), *self._beside], axis=1)
+        weights, *_ = np.linalg.lstsq(waves, self._gap, rcond=None)
+        left = self._gap - waves @ weights
+        return float(left @ left), float(np.hypot(*weights[:2])), float(np.arctan2(weights[1], weights[0]))
+
+    def closest(self, fewest: float, most: float) -> float:
+        """The periods a radian, between two counts, that leave least."""
+        found = minimize_scalar(lambda count: self.wave(count)[0], bounds=(fewest, most), method="bounded")
+        return float(found.x)
