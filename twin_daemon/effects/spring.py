@@ -13,6 +13,7 @@ from twin_daemon.effects.edits import add_joint_tendon
 _SLACK = 1e-8  # N m/rad: the weakest spring that can still hold a preload
 
 _LEAST_SHARE = 0.003  # of the servo's stiffness: a start that only pulls
+_SHARES = (1.0, 0.3, 0.1)  # of the line through the error
 
 
 class Spring(Effect):
@@ -54,13 +55,14 @@ class Spring(Effect):
         add_joint_tendon(spec, f"{place.joint}_spring", {place.joint: 1.0}, stiffness=stiffness, rest=(rest, rest))
 
     def suggested(self, scale: Scale, seen: Seen) -> tuple[dict[str, float], ...]:
-        """The line through the torque over the angle; the servo is a spring that shows the torque as an error."""
-        angle, gap = seen.angle, seen.gap
-        slope, pull = np.polyfit(angle, gap, 1)
-        return (
-            {"stiffness": scale.kp * max(-float(slope), 0.003), "preload": scale.kp * float(pull)},
-            *self.starts(scale),
-        )
+        """The line through the torque over the angle; the servo is a spring that shows the torque as an error.
+
+        At its limit of torque a servo shows far more than that, so that a part of it is a start as well.
+        """
+        slope, pull = np.polyfit(seen.angle, seen.gap, 1)
+        stiffness, preload = scale.kp * max(-float(slope), _LEAST_SHARE), scale.kp * float(pull)
+        line = [{"stiffness": share * stiffness, "preload": share * preload} for share in _SHARES]
+        return (*line, *self.starts(scale))
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
         k, pull = 0.03 * scale.kp, 0.01 * scale.kp
