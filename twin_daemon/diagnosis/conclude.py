@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from twin_daemon.comparison.conditions import errors_by_condition
 from twin_daemon.diagnosis.candidates import Hypothesis
 from twin_daemon.diagnosis.far_off import beyond_any_hand
@@ -91,8 +89,6 @@ class Outcome:
     others: list[Accepted] = field(default_factory=list)
     """What helps as well, if less or not on held-out motion: beside a second effect one of these may be right."""
     left: float = 0.0
-    fitted: float = np.inf
-    """The same of the fitted motion alone."""
     within_floor: bool = False
     unfinished: bool = False
     """Whether time was over before it had been searched to the end."""

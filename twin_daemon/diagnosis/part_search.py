@@ -184,7 +184,7 @@ class PartSearch:
         validation = Validation(part, self.reduced.holdout, seed=self.seed, first=validation)
         held_out = outcome.left = min(outcome.left, validation.judge(part.base).adequacy)
         left = np.minimum(part.times_floor, fits[-1].problem.times_floor(fits[-1].point))
-        fitted = outcome.fitted = float((left / self._most_left).max())
+        fitted = float((left / self._most_left).max())
         if fitted > 1.0:
             # motion that hardly shows what is missing is predicted well by any law
             outcome.left = max(held_out, fitted)

@@ -56,7 +56,7 @@ class UnitSearch:
             reduced, part = left[0]
             outcome = self._searched(twin, part, reduced)
             # of one effect each no more is asked than what it leaves: all values are fitted together behind it
-            enough = outcome.explains or (self.most_effects == 1 and outcome.fitted <= 1.0)
+            enough = outcome.explains or (self.most_effects == 1 and outcome.left <= 1.0)
             if not outcome.accepted or not enough:
                 before = _asked(outcome)
                 break
