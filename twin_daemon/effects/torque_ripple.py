@@ -64,7 +64,7 @@ class TorqueRipple(Effect):
         peaks = np.flatnonzero((power >= beside[:-2]) & (power >= beside[2:]))
         best = peaks[np.argsort(-power[peaks])][:_PEAKS]
         # between two of the grid a wave may be 0.4 rad off at the ends of the travel
-        exact = [spectrum.closest(periods[i] - step, periods[i] + step) for i in best]
+        exact = [spectrum.closest(float(periods[i]), step) for i in best]
         times = [(count, 1.0) for count in exact]
         times += [(count, more) for count in exact[:_FIRST] for more in (_SNAPPING, _GENTLE)]
         waves = [(count, more, *spectrum.wave(count)[1:]) for count, more in times]
@@ -101,7 +101,8 @@ class _Spectrum:
         left = self._gap - waves @ weights
         return float(left @ left), float(np.hypot(*weights[:2])), float(np.arctan2(weights[1], weights[0]))
 
-    def closest(self, fewest: float, most: float) -> float:
-        """The periods a radian, between two counts, that leave least."""
-        found = minimize_scalar(lambda count: self.wave(count)[0], bounds=(fewest, most), method="bounded")
+    def closest(self, periods: float, step: float) -> float:
+        """The periods a radian, within a step of some, that leave least."""
+        within = (periods - step, periods + step)
+        found: Any = minimize_scalar(lambda count: self.wave(count)[0], bounds=within, method="bounded")
         return float(found.x)
