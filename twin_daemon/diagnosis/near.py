@@ -20,8 +20,8 @@ def when_near(
     """(a reduction that leaves out only touches that readings show; the groups at which something is missing there).
 
     Neighbouring fingers pass each other within the millimetre that counts as a touch, half of the time. A reading that
-    is off shows no touch where there is one, so that motion clear of both is asked first, and says nothing here. What
-    the groups that are found said before is taken out of `outcomes`.
+    is off shows no touch where there is one, so that motion which is clear even then is asked first, and has to find
+    nothing. What the groups that are found here said of that is taken out of `outcomes`.
     """
     nearer = reduction.where_near()
     more = [group for group in groups if nearer.clear_s(group.joints) > reduction.clear_s(group.joints) + LEAST_CLEAR_S]

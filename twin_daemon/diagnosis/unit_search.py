@@ -108,7 +108,7 @@ class UnitSearch:
         """A part on the motion that follows from its first effect, if that is not all and leaves less there; else None.
 
         The measured motion of a joint that lacks much was smoothed by a wrong prediction: what its neighbours do to it
-        came out wrong, and no law explains that.
+        came out wrong, and no law explains that. Of one effect each no more is asked: all values are fitted behind it.
         """
         first = begun.outcome
         if begun.ended or self.most_effects == 1 or not (first.accepted and self.reduction.carries):

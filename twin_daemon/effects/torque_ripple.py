@@ -65,12 +65,12 @@ class TorqueRipple(Effect):
         best = peaks[np.argsort(-power[peaks])][:_PEAKS]
         # between two of the grid a wave may be 0.4 rad off at the ends of the travel
         exact = [spectrum.closest(float(periods[i]), step) for i in best]
-        times = [(count, 1.0) for count in exact]
-        times += [(count, more) for count in exact[:_FIRST] for more in (_SNAPPING, _GENTLE)]
-        waves = [(count, more, *spectrum.wave(count)[1:]) for count, more in times]
+        waves = [(count, *spectrum.wave(count)[1:]) for count in exact]
+        begun = [(1.0, wave) for wave in waves]
+        begun += [(times, wave) for wave in waves[:_FIRST] for times in (_SNAPPING, _GENTLE)]
         return tuple(
-            {"amplitude": more * scale.kp * height, "phase": phase, "periods": count}
-            for count, more, height, phase in waves
+            {"amplitude": times * scale.kp * height, "phase": phase, "periods": count}
+            for times, (count, height, phase) in begun
         )
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
@@ -89,8 +89,7 @@ class _Spectrum:
         self._angle = seen.angle
         way = np.sign(seen.speed) * (np.abs(seen.speed) > np.median(np.abs(seen.speed)))
         self._beside = np.stack([np.ones_like(seen.angle), seen.angle, seen.speed, way])
-        own = self._beside.T @ np.linalg.lstsq(self._beside.T, seen.gap, rcond=None)[0]
-        off = seen.gap - own
+        off = seen.gap - self._beside.T @ np.linalg.lstsq(self._beside.T, seen.gap, rcond=None)[0]
         limit = 3.0 * float(np.median(np.abs(off))) + 1e-9
         self._gap = np.clip(off, -limit, limit)
 

@@ -45,8 +45,8 @@ class Reduction:
     def __init__(self, twin: TwinModel, train: Sequence[Aligned], holdout: Sequence[Aligned]) -> None:
         self._train, self._holdout = train, holdout
         self._branches = parts(twin)
-        both = [_touching(twin, self._branches, r) for r in (*train, *holdout)]
-        self._touching, self._touching_for_sure = ([one[i] for one in both] for i in range(2))
+        both = (_touching(twin, self._branches, r) for r in (*train, *holdout))
+        self._touching, self._touching_for_sure = zip(*both, strict=True)
         self._motions: list[Motion] | None = None
         self._whole: list[Needed] = []
         self._paths: list[LinkPaths] | None = None

@@ -108,7 +108,9 @@ START_SLOPE_S = Threshold(0.06, "s", "to either side of a stretch's start, from 
 
 # -- parts of a hand -----------------------------------------------------------------------------------------
 
-CONTACT_MARGIN_M = Threshold(1e-3, "m", "parts nearer than this touch: shapes of models are no better")
+CONTACT_MARGIN_M = Threshold(
+    1e-3, "m", "parts nearer than this count as touching, at first: shapes of models are no better"
+)
 CONTACT_EVERY_S = Threshold(0.02, "s", "between poses that are looked at for contacts")
 CONTACT_POSES = Count(60, "poses", "along a recording, to see whether anything touches at all")
 STIRS_SIGMA = Threshold(8.0, "sigma", "of its noise that a joint travels which moves at all: noise alone makes 5 of it")
