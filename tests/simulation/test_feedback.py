@@ -22,7 +22,7 @@ def _controls() -> np.ndarray:
 def _fed(model: mujoco.MjModel, stiffness: float) -> np.ndarray:
     controls = _controls()
     inputs = np.concatenate([controls, np.zeros_like(controls)], axis=2)
-    start = initial_state(model, np.zeros(1), np.array([0.3]), np.zeros(1), None, loaded=False)
+    start = initial_state(model, mujoco.MjData(model), np.zeros(1), np.array([0.3]), np.zeros(1), None, loaded=False)
     return roll_out_with_feedback(
         [model] * 3,
         np.repeat(start[None], 3, axis=0),
@@ -53,7 +53,7 @@ def test_what_diverges_is_not_a_number_and_leaves_the_others_alone() -> None:
     model = mujoco.MjModel.from_xml_string(_XML.format(""))
     controls = _controls()
     inputs = np.concatenate([controls, np.zeros_like(controls)], axis=2)
-    start = initial_state(model, np.zeros(1), np.array([0.3]), np.zeros(1), None, loaded=False)
+    start = initial_state(model, mujoco.MjData(model), np.zeros(1), np.array([0.3]), np.zeros(1), None, loaded=False)
     found = roll_out_with_feedback(
         [model] * 2,
         np.repeat(start[None], 2, axis=0),
@@ -68,7 +68,7 @@ def test_what_diverges_is_not_a_number_and_leaves_the_others_alone() -> None:
 
 def test_simulations_stand_longest_first() -> None:
     model = mujoco.MjModel.from_xml_string(_XML.format(""))
-    start = initial_state(model, np.zeros(1), np.zeros(1), np.zeros(1), None, loaded=False)
+    start = initial_state(model, mujoco.MjData(model), np.zeros(1), np.zeros(1), np.zeros(1), None, loaded=False)
     with pytest.raises(ValueError, match="longest first"):
         roll_out_with_feedback(
             [model] * 2, np.stack([start, start]), np.zeros((1, 5, 2)), np.zeros(2, int), np.array([3, 5]),

@@ -146,6 +146,7 @@ class LawProblem(Posterior):
         distinct, alike = np.unique(points[:, [i for i, _ in self._links]], axis=0, return_inverse=True)
         _, shown = np.unique(alike.ravel(), return_index=True)
         states, input_of, steps, begun = [], [], [], []
+        data = mujoco.MjData(candidates[0].model)
         for index in order:
             piece, grid = self.recordings[index], self._grids[index] * step_s
             past = times_before(piece, candidates[0].model)
@@ -168,7 +169,8 @@ class LawProblem(Posterior):
                 filled = np.zeros(twin.model.nu)
                 filled[: len(first)] = first
                 turns = self._turns(piece)
-                states.append(initial_state(candidate.model, filled, qpos, qvel, earlier, loaded=True, turns=turns))
+                model = candidate.model
+                states.append(initial_state(model, data, filled, qpos, qvel, earlier, loaded=True, turns=turns))
                 input_of.append(known[index, onset, load])
                 steps.append(len(grid))
                 begun.append(memory)

@@ -76,7 +76,8 @@ def roll_out(
     out = np.empty((count, steps + 1, first.nq))
     runner = batch.Batch(first, chunk, threads or thread_count())
     # without anything that remembers a state is its position, velocity and control: an MjData costs more than they do
-    plain = not remembers(first) and not (loaded and _bristles(first))
+    plain = not remembers(first) and not (loaded and _bristles(first).size)
+    kept = None if plain else mujoco.MjData(first)
     fresh, places = runner.state[0].copy(), [place_in_state(first, component) for component in (_QPOS, _QVEL, _CTRL)]
     for start in range(0, count, chunk):
         chosen = range(start, min(start + chunk, count))
@@ -87,14 +88,14 @@ def roll_out(
         for slot, i in enumerate(chosen):
             control, position = controls[_row(i, controls)][0], qpos[_row(i, qpos)]
             velocity = np.zeros(first.nv) if qvel is None else qvel[_row(i, qvel)]
-            if plain:
+            if kept is None:
                 runner.state[slot] = fresh
                 for place, values in zip(places, (position, velocity, control), strict=True):
                     runner.state[slot, place] = values
             else:
                 told = None if before is None else before[_row(i, before)]
                 runner.state[slot] = initial_state(
-                    picked[slot], control, position, velocity, told, loaded=loaded, turns=turns
+                    picked[slot], kept, control, position, velocity, told, loaded=loaded, turns=turns
                 )
         runner.warning[:] = 0
         rows, inputs = controls[start : start + len(chosen)] if len(controls) > 1 else controls, _CTRL
@@ -118,6 +119,7 @@ def _row(index: int, array: np.ndarray) -> int:
 
 def initial_state(
     model: mujoco.MjModel,
+    data: mujoco.MjData,
     control: np.ndarray,
     qpos: np.ndarray,
     qvel: np.ndarray,
@@ -126,8 +128,11 @@ def initial_state(
     loaded: bool,
     turns: Mapping[int, Bent] | None = None,
 ) -> np.ndarray:
-    """The whole state with which a roll-out begins, as `roll_out` explains it."""
-    data = mujoco.MjData(model)
+    """The whole state with which a roll-out begins, as `roll_out` explains it.
+
+    `data` is of any model of the same sizes, and overwritten: to make one anew for each state costs more than all else.
+    """
+    mujoco.mj_resetData(model, data)
     data.qpos[:] = qpos
     data.qvel[:] = qvel
     data.ctrl[:] = control
@@ -149,41 +154,38 @@ def place_in_state(model: mujoco.MjModel, component: int) -> slice:
 
 def settle_actuators(model: mujoco.MjModel, data: mujoco.MjData, control: np.ndarray) -> None:
     """Fills delay buffers and filter states as if `control` (nu,) had been held for ever."""
-    for actuator in range(model.nu):
+    for actuator in _late(model):
         samples = int(model.actuator_history[actuator, 0])
-        if samples:
-            times = data.time + (np.arange(samples) - samples) * model.opt.timestep
-            mujoco.mj_initCtrlHistory(model, data, actuator, times, np.full(samples, control[actuator]))
-        if _follows(model, actuator):
-            data.act[model.actuator_actadr[actuator]] = control[actuator]
+        times = data.time + (np.arange(samples) - samples) * model.opt.timestep
+        mujoco.mj_initCtrlHistory(model, data, actuator, times, np.full(samples, control[actuator]))
+    followers = _followers(model)
+    data.act[model.actuator_actadr[followers]] = control[followers]
 
 
 def remembers(model: mujoco.MjModel) -> bool:
     """Whether any actuator's state depends on the commands before: a delay, a filter, a limit of rate."""
-    return any(model.actuator_history[a, 0] > 0 or _follows(model, a) for a in range(model.nu))
+    return _late(model).size > 0 or _followers(model).size > 0
 
 
 def never_forgets(model: mujoco.MjModel) -> bool:
     """Whether an actuator may depend on all commands: behind a limit of rate the set point may never arrive."""
-    return any(_follows(model, a) and int(model.actuator_dyntype[a]) not in _FILTERS for a in range(model.nu))
+    return bool((~_filters(model.actuator_dyntype[_followers(model)])).any())
 
 
 def recall_commands(model: mujoco.MjModel, data: mujoco.MjData, before: np.ndarray) -> None:
     """Brings delay buffers, filters and rate limits to where the commands of the steps before (H, nu) left them."""
     step_s = float(model.opt.timestep)
-    for actuator in range(model.nu):
+    for actuator in _late(model):
+        told, samples = before[:, actuator], int(model.actuator_history[actuator, 0])
+        padded = np.concatenate([np.full(max(samples - len(told), 0), told[0]), told])[-samples:]
+        times = data.time + (np.arange(samples) - samples) * step_s
+        mujoco.mj_initCtrlHistory(model, data, actuator, times, padded)
+    for actuator in _followers(model):
         told = before[:, actuator]
-        samples = int(model.actuator_history[actuator, 0])
-        if samples:
-            padded = np.concatenate([np.full(max(samples - len(told), 0), told[0]), told])[-samples:]
-            times = data.time + (np.arange(samples) - samples) * step_s
-            mujoco.mj_initCtrlHistory(model, data, actuator, times, padded)
-            late = round(float(model.actuator_delay[actuator]) / step_s)
-            told = np.concatenate([np.full(late, told[0]), told])[: len(told)]
-        if not _follows(model, actuator):
-            continue
+        late = round(float(model.actuator_delay[actuator]) / step_s) if model.actuator_history[actuator, 0] else 0
+        told = np.concatenate([np.full(late, told[0]), told])[: len(told)]
         state = float(told[0])
-        if int(model.actuator_dyntype[actuator]) in _FILTERS:
+        if model.actuator_dyntype[actuator] in (_FILTER, _FILTEREXACT):
             kept = np.exp(-step_s / max(float(model.actuator_dynprm[actuator, 0]), 1e-12))
             ages = np.arange(len(told) - 1, -1, -1)
             state = float(state * kept ** len(told) + (1.0 - kept) * (told @ kept**ages))
@@ -194,11 +196,20 @@ def recall_commands(model: mujoco.MjModel, data: mujoco.MjData, before: np.ndarr
         data.act[model.actuator_actadr[actuator]] = state
 
 
-def _follows(model: mujoco.MjModel, actuator: int) -> bool:
-    """Whether an actuator has an activation that follows its command."""
-    kind = int(model.actuator_dyntype[actuator])
-    ramped = kind == int(mujoco.mjtDyn.mjDYN_PID) and model.actuator_dynprm[actuator, 1] > 0.0
-    return int(model.actuator_actadr[actuator]) >= 0 and bool(kind in _FILTERS or ramped)
+def _late(model: mujoco.MjModel) -> np.ndarray:
+    """The actuators whose commands wait in a buffer."""
+    return np.flatnonzero(model.actuator_history[:, 0] > 0)
+
+
+def _followers(model: mujoco.MjModel) -> np.ndarray:
+    """The actuators with an activation that follows their command."""
+    kind = model.actuator_dyntype
+    ramped = (kind == _PID) & (model.actuator_dynprm[:, 1] > 0.0)
+    return np.flatnonzero((model.actuator_actadr >= 0) & (_filters(kind) | ramped))
+
+
+def _filters(kind: np.ndarray) -> np.ndarray:
+    return (kind == _FILTER) | (kind == _FILTEREXACT)
 
 
 def settle_bristles(model: mujoco.MjModel, data: mujoco.MjData, turns: Mapping[int, Bent]) -> None:
@@ -209,7 +220,7 @@ def settle_bristles(model: mujoco.MjModel, data: mujoco.MjData, turns: Mapping[i
     creep.
     """
     bristles = _bristles(model)
-    if not bristles:
+    if not bristles.size:
         return
     mujoco.mj_forward(model, data)
     net = data.qfrc_actuator + data.qfrc_passive - data.qfrc_bias
@@ -227,23 +238,17 @@ def settle_bristles(model: mujoco.MjModel, data: mujoco.MjData, turns: Mapping[i
         data.act[model.actuator_actadr[actuator]] = load / stiffness
 
 
-def _bristles(model: mujoco.MjModel) -> list[int]:
+def _bristles(model: mujoco.MjModel) -> np.ndarray:
     """The actuators that are dry friction with bristles."""
-    return [actuator for actuator in range(len(model.actuator_dyntype)) if _has_bristle(model, actuator)]
-
-
-def _has_bristle(model: mujoco.MjModel, actuator: int) -> bool:
-    return bool(
-        model.actuator_dyntype[actuator] == mujoco.mjtDyn.mjDYN_DCMOTOR
-        and model.actuator_dynprm[actuator, 5] > 0.0
-        and model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
-        and model.actuator_actadr[actuator] >= 0
-    )
+    at_joint = (model.actuator_trntype == _JOINT) & (model.actuator_actadr >= 0)
+    return np.flatnonzero((model.actuator_dyntype == _DCMOTOR) & (model.actuator_dynprm[:, 5] > 0.0) & at_joint)
 
 
 _FULLY_S = 0.1  # a bristle that gives way sooner at this speed is taken for bent as far as it goes
-# as numbers: an enum of MuJoCo's is not found among others by `in`
-_FILTERS = (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT))
+# as numbers: arrays are slow to compare with an enum of MuJoCo's
+_FILTER, _FILTEREXACT = int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT)
+_PID, _DCMOTOR = int(mujoco.mjtDyn.mjDYN_PID), int(mujoco.mjtDyn.mjDYN_DCMOTOR)
+_JOINT = int(mujoco.mjtTrn.mjTRN_JOINT)
 
 
 def _blank_after_stop(positions: np.ndarray, time_s: np.ndarray, step_s: float) -> None:
