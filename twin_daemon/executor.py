@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextvars import ContextVar
+from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -34,6 +35,34 @@ def thread_count() -> int:
     return int(setting) if setting.isdigit() and int(setting) > 0 else len(os.sched_getaffinity(0))
 
 
+@dataclass
+class _Process:
+    """What a process was begun with: the processor's seconds before it, and how many others run beside it."""
+
+    before_s: float = 0.0
+    places: int = 1
+
+
+_process = _Process()
+
+
+def begin_on_one_core(before_s: float, places: int) -> None:
+    """Says to a process that it has one core, as one of so many, and what was spent before they were begun."""
+    _process.before_s, _process.places = before_s, places
+    os.environ["TWIN_THREADS"] = "1"
+
+
+def processor_s() -> float:
+    """Seconds of the processor that this work has taken, in this process, in those before it and in those beside it.
+
+    Those that are still running count as this one does.
+    """
+    spent = os.times()
+    return _process.before_s + _process.places * (
+        spent.user + spent.system + spent.children_user + spent.children_system
+    )
+
+
 class OutOfTime(Exception):
     """The time that work was given is over. What it has until then is kept by whoever gave it."""
 
@@ -41,18 +70,18 @@ class OutOfTime(Exception):
 class TimeLimit:
     """So many seconds of all of this machine's cores, from now on, or by the wall clock; None for no end.
 
-    It counts what this process does: work that is sent to another one takes no limit along.
+    It counts what this process does and those that it begins: work that is sent to another one takes no limit along.
     """
 
     def __init__(self, seconds: float | None = None, *, wall_s: float | None = None) -> None:
         self._processor_s = np.inf if seconds is None else seconds * thread_count()
         self._wall_s = np.inf if wall_s is None else wall_s
-        self._began_s, self._begun_at_s = time.process_time(), time.monotonic()
+        self._began_s, self._begun_at_s = processor_s(), time.monotonic()
 
     def over(self, share: float = 1.0) -> bool:
         """Whether this share of it has gone."""
         return (
-            time.process_time() - self._began_s > share * self._processor_s
+            processor_s() - self._began_s > share * self._processor_s
             or time.monotonic() - self._begun_at_s > share * self._wall_s
         )
 
@@ -175,6 +204,11 @@ def _applied(work: Callable[[Any], Any], packed: bytes) -> bytes:
 
 
 _executor: ContextVar[Executor] = ContextVar("executor", default=Cores())  # noqa: B039 - it has no state
+
+
+def on_this_machine() -> bool:
+    """Whether work runs on this machine's cores."""
+    return isinstance(_executor.get(), Cores)
 
 
 def concurrently(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:

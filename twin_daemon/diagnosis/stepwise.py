@@ -29,6 +29,7 @@ from twin_daemon.errors import BadInput
 from twin_daemon.estimation.estimate import Estimate
 from twin_daemon.executor import TimeLimit
 from twin_daemon.places import HAND, ROBOT
+from twin_daemon.processes import side_by_side
 from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.submodel import drive_groups, parts
 from twin_daemon.simulation.twin import TwinModel
@@ -205,35 +206,49 @@ class _Stepwise:
         moving = set(moving_joints(self._train))
         if sum(bool(moving & set(group.joints)) for group in drive_groups(self._first)) < 2:
             return False
-        found = self._diagnosed(None, most_effects=0)
+        found = self._finished(self._diagnosed(None, most_effects=0))
         if found.findings:
             self._parts[ROBOT] = found
             self.ladder.steps[-1] = self._judged(self.ladder.steps[-1])
         return bool(found.findings)
 
-    def _diagnosed(self, joints: Sequence[str] | None, most_effects: int) -> Diagnosis:
-        found = diagnose(
+    def _diagnosed(self, joints: Sequence[str] | None, most_effects: int, say: Say | None = None) -> Diagnosis:
+        return diagnose(
             self.ladder.twin,
             self._train,
             self._holdout,
             joints=joints,
             seed=self._seed,
-            stream=self._say,
+            stream=say or self._say,
             most_effects=most_effects,
             limit=self.limit,
         )
+
+    def _finished(self, found: Diagnosis) -> Diagnosis:
+        """What a diagnosis found. Raises KeyboardInterrupt where it was interrupted."""
         if found.interrupted and not self.limit.over():
             raise KeyboardInterrupt
         return found
 
     def _look(self, only: Collection[str] | None) -> None:
         """Diagnoses some parts again, or all: what was found in one stays true while another one changes."""
-        twin, moving = self.ladder.twin, moving_joints(self._train)
-        for part in parts(twin):
-            own = [name for name in part.joints if name in moving]
-            if own and (only is None or part.name in only) and not (self._parts and self.limit.over()):
-                self._parts[part.name] = self._diagnosed(own, most_effects=1)
-                self._changed.discard(part.name)
+        moving = moving_joints(self._train)
+        cut = [(part.name, [n for n in part.joints if n in moving]) for part in parts(self.ladder.twin)]
+        asked = [(name, own) for name, own in cut if own and (only is None or name in only)]
+
+        def looked_at(index: int) -> tuple[Diagnosis | None, list[str]]:
+            said: list[str] = []
+            if self.limit.over() and (self._parts or index):
+                return None, said
+            return self._diagnosed(asked[index][1], 1, said.append), said
+
+        for index, (found, said) in side_by_side(looked_at, range(len(asked))):
+            for line in said:
+                self._say(line)
+            if found is not None:
+                self._parts[asked[index][0]] = self._finished(found)
+                self._changed.discard(asked[index][0])
+        self._parts = {name: self._parts[name] for name, _ in [*cut, (ROBOT, [])] if name in self._parts}
         if len(self._parts) > 1:
             self._parts.pop(ROBOT, None)  # the parts say the same by now
         self._changed.clear()

@@ -18,6 +18,7 @@ from twin_daemon.estimation.solvers import Search
 from twin_daemon.estimation.solvers.tracker import BudgetSpent, Progress, Tracker
 from twin_daemon.estimation.thresholds import CONTACT_POSES, ONSET_REACH_S
 from twin_daemon.estimation.variables import EffectVariable, OnsetVariable, Variable
+from twin_daemon.processes import side_by_side
 from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.contacts import touching_parts
 from twin_daemon.simulation.submodel import Part, parts, submodel, with_coupled
@@ -170,6 +171,25 @@ def touching(twin: TwinModel, recording: Aligned) -> bool:
     return bool(touching_parts(twin, parts(twin), poses))
 
 
+@dataclass(frozen=True)
+class Found:
+    """What the search of one problem has come to: its best point (p,), the error there and after each evaluation."""
+
+    best: np.ndarray
+    mse: float
+    history: list[float]
+
+    @classmethod
+    def of(cls, tracker: Tracker) -> Found:
+        return cls(tracker.best, tracker.best_mse, tracker.history)
+
+
+def _search(tracker: Tracker, search: Search, budget: int | None, seed: int) -> None:
+    # the searches' matrices are small: threads of a matrix product would mostly wait for each other
+    with contextlib.suppress(BudgetSpent), threadpool_limits(limits=1):
+        search(tracker, budget, seed)
+
+
 class PartwiseSearch:
     """What searches over sub-problems have found so far.
 
@@ -194,26 +214,43 @@ class PartwiseSearch:
 
         A KeyboardInterrupt passes through, once the best point so far is kept.
         """
+        errors = [float(sub.problem.mse(sub.start(self.units)[None])[0]) * sub.weight for sub in problems]
+        if budget is None and seconds is None and self._progress is None:
+            self._run_side_by_side(problems, search, seed, errors)
+            return
         share = None if budget is None else max(1, budget // len(problems))
         time_share = None if seconds is None else seconds / len(problems)
-        errors = [float(sub.problem.mse(sub.start(self.units)[None])[0]) * sub.weight for sub in problems]
         for index, sub in enumerate(problems):
             others = sum(errors) - errors[index]
             tracker = Tracker(sub.restarted(self.units), self._reporter(sub.weight, others), share, time_share)
             try:
-                # the searches' matrices are small: threads of a matrix product would mostly wait for each other
-                with contextlib.suppress(BudgetSpent), threadpool_limits(limits=1):
-                    search(tracker, share, seed)
+                _search(tracker, search, share, seed)
             finally:
-                self._keep(sub, tracker, others)
+                self._keep(sub, Found.of(tracker), others)
             errors[index] = min(errors[index], tracker.best_mse * sub.weight)
 
-    def _keep(self, sub: SubProblem, tracker: Tracker, others: float) -> None:
-        if not tracker.history:
+    def _run_side_by_side(self, problems: Sequence[SubProblem], search: Search, seed: int, errors: list[float]) -> None:
+        """The same with nothing to share out and nobody to tell; interrupted, it keeps the searches that have ended."""
+
+        def searched(sub: SubProblem) -> Found:
+            tracker = Tracker(sub.restarted(self.units))
+            _search(tracker, search, None, seed)
+            return Found.of(tracker)
+
+        found: dict[int, Found] = {}
+        try:
+            found.update(side_by_side(searched, problems))
+        finally:
+            for index in sorted(found):
+                self._keep(problems[index], found[index], sum(errors) - errors[index])
+                errors[index] = min(errors[index], found[index].mse * problems[index].weight)
+
+    def _keep(self, sub: SubProblem, found: Found, others: float) -> None:
+        if not found.history:
             return
         names = [variable.name for variable in sub.problem.variables]
-        self.units.update(zip(names, map(float, tracker.best), strict=True))
-        whole = [*self.history[-1:], *(mse * sub.weight + others for mse in tracker.history)]
+        self.units.update(zip(names, map(float, found.best), strict=True))
+        whole = [*self.history[-1:], *(mse * sub.weight + others for mse in found.history)]
         self.history.extend(np.minimum.accumulate(whole)[len(self.history[-1:]) :].tolist())
 
     def _reporter(self, weight: float, others: float) -> Progress | None:

@@ -1,0 +1,85 @@
+"""Long pieces of work side by side, each in a process of its own.
+
+Between roll-outs the interpreter's lock keeps threads from running at once: two of them take a diagnosis hardly further
+than one. A process that is forked has all that its work needs without a copy, and only the answer is sent back.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import pickle
+import signal
+import sys
+import threading
+from collections.abc import Callable, Generator, Sequence
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from typing import TypeVar
+
+from twin_daemon.executor import begin_on_one_core, on_this_machine, processor_s, thread_count
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+def side_by_side(work: Callable[[Item], Result], items: Sequence[Item]) -> Generator[tuple[int, Result], None, None]:
+    """(index, work(item)) for each item, as they end. What the work raises is raised here.
+
+    As many processes as there are cores; one after another, in this process, where there is one core, where the work is
+    sent to a cluster, in another thread than the main one, or on a system that cannot fork while libraries run threads.
+    What a process that was killed had begun is done in this one. Whoever stops asking ends the processes.
+    """
+    places = min(thread_count(), len(items))
+    in_main = threading.current_thread() is threading.main_thread()
+    if places < 2 or not on_this_machine() or not in_main or not sys.platform.startswith("linux"):
+        for index, item in enumerate(items):
+            yield index, work(item)
+        return
+    waiting = list(range(len(items)))[::-1]
+    running: dict[Connection, tuple[BaseProcess, int]] = {}
+    try:
+        while waiting or running:
+            while waiting and len(running) < places:
+                index = waiting.pop()
+                connection, process = _begun(work, items[index], places)
+                running[connection] = process, index
+            for connection in wait(list(running)):
+                assert isinstance(connection, Connection)
+                process, index = running.pop(connection)
+                try:
+                    error, answer = pickle.loads(connection.recv_bytes())
+                except EOFError:
+                    error, answer = None, work(items[index])
+                finally:
+                    connection.close()
+                process.join()
+                if error is not None:
+                    raise error
+                yield index, answer
+    finally:
+        for connection, (process, _) in running.items():
+            process.kill()
+            process.join()
+            connection.close()
+
+
+def _begun(work: Callable[[Item], Result], item: Item, places: int) -> tuple[Connection, BaseProcess]:
+    """The end of a pipe at which the answer of a new process arrives, and that process."""
+    receiver, sender = multiprocessing.Pipe(duplex=False)
+    arguments = (work, item, places, processor_s(), sender)
+    process = multiprocessing.get_context("fork").Process(target=_work, args=arguments, daemon=True)
+    process.start()
+    sender.close()
+    return receiver, process
+
+
+def _work(work: Callable[[Item], Result], item: Item, places: int, spent_s: float, sender: Connection) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever began this process ends it
+    begin_on_one_core(spent_s, places)
+    try:
+        answer = (None, work(item))
+    except Exception as error:
+        answer = (error, None)
+    sender.send_bytes(pickle.dumps(answer))
+    os._exit(0)  # what the first process has not written yet is not written twice
