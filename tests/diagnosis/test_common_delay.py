@@ -10,6 +10,7 @@ from tests.diagnosis.conftest import called
 from tests.diagnosis.rig import changed_rig
 
 
+@pytest.mark.slow
 def test_one_late_servo_is_told_by_those_that_are_not(tmp_path: Path) -> None:
     """At 125 Hz a command is known to 8 ms: alone, a servo that is 4 ms late is sound."""
     delay_s = 0.004

@@ -128,7 +128,7 @@ def test_a_bus_that_is_late_by_what_damping_could_nearly_do_is_named(tmp_path: P
     ("key", "values", "told"),
     [
         pytest.param("command_delay", {"delay": 0.03}, ("delay", 0.03), marks=pytest.mark.slow),
-        ("viscous_friction", {"damping": 0.0, "share": 2.0}, ("share", 2.0)),
+        pytest.param("viscous_friction", {"damping": 0.0, "share": 2.0}, ("share", 2.0), marks=pytest.mark.slow),
         # each gain alone is three of its sigma off, which may be; three that are off the same way are one cause
         ("actuator_gain", {"factor": 0.68, "limit": 1.0}, ("factor", 0.68)),
     ],

@@ -44,6 +44,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return place
 
 
+@pytest.mark.slow
 def test_the_effect_of_the_page_is_diagnosed(example: str, folder: Path, tmp_path: Path) -> None:
     (folder / "quadratic_drag.py").write_text(example, encoding="utf-8")
     hand = load_hand()
