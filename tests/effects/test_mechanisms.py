@@ -287,6 +287,16 @@ def test_a_stiff_stop_is_looked_for_where_the_joint_stands(smooth: TwinModel):
     assert any(0.3 < one["stiffness"] / (stiffness * scale.kp) < 3.0 for one in near)
 
 
+def test_a_stop_that_only_the_widest_motion_meets_is_looked_for_there(smooth: TwinModel) -> None:
+    """One sample in a hundred stands at it."""
+    scale = smooth.scale("rh_FFJ3")
+    command = 0.78 + 0.4 * np.sin(np.linspace(0.0, 60.0, 4000)) * np.linspace(0.5, 1.0, 4000)
+    angle = np.minimum(command, np.quantile(command, 0.99))
+    starts = LIBRARY["joint_stop"].suggested(scale, Seen(angle, np.zeros_like(angle), angle - command))
+    ends = [scale.upper - one["upper"] for one in starts if one["lower"] == 0.0]
+    assert min(abs(end - angle.max()) for end in ends) < 0.005
+
+
 def test_a_joint_that_hardly_travels_suggests_no_waves(smooth: TwinModel):
     angle = np.linspace(0.5, 0.6, 200)
     seen = Seen(angle, np.zeros_like(angle), np.sin(40.0 * angle))

@@ -4,31 +4,56 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from twin_daemon.diagnosis.as_fitted import looked_at_again
+import numpy as np
+
 from twin_daemon.diagnosis.conclude import Outcome
 from twin_daemon.diagnosis.floor_check import above_floor
+from twin_daemon.diagnosis.group import look
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.selection import Say
+from twin_daemon.diagnosis.thresholds import CLOSER_LOOK
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.estimation.thresholds import LEAST_CLEAR_S
+from twin_daemon.executor import concurrently
 from twin_daemon.simulation.twin import TwinModel
 
 
 def when_near(
-    twin: TwinModel, reduction: Reduction, groups: Sequence[Reduced], outcomes: list[Outcome], seed: int, say: Say
+    twin: TwinModel,
+    reduction: Reduction,
+    looked_at: Sequence[tuple[Reduced, PartFit]],
+    outcomes: list[Outcome],
+    seed: int,
+    say: Say,
 ) -> tuple[Reduction, list[tuple[Reduced, PartFit]]]:
     """(a reduction that leaves out only touches that readings show; the groups at which something is missing there).
 
     Neighbouring fingers pass each other within the millimetre that counts as a touch, half of the time. A reading that
     is off shows no touch where there is one, so that motion which is clear even then is asked first, and has to find
-    nothing. What the groups that are found here said of that is taken out of `outcomes`.
+    nothing. Of the groups `looked_at` those are fitted anew whose fit to it does not foresee the other motion. What
+    the groups that are found here said of it is taken out of `outcomes`.
     """
     nearer = reduction.where_near()
-    more = [group for group in groups if nearer.clear_s(group.joints) > reduction.clear_s(group.joints) + LEAST_CLEAR_S]
+    more = [
+        (group, part)
+        for group, part in looked_at
+        if nearer.clear_s(group.joints) > reduction.clear_s(group.joints) + LEAST_CLEAR_S
+    ]
     if not more:
         return reduction, []
-    say(f"{', '.join(group.name for group in more)}: once more, with the motion in which something only comes near")
-    above = above_floor(looked_at_again(twin, nearer, more), [], seed, say, seen=True)
+    say(f"{', '.join(group.name for group, _ in more)}: once more, with the motion in which something only comes near")
+    again = [(nearer.together(twin, [group]), part) for group, part in more]
+    unforeseen = [reduced for reduced, part in again if reduced is not None and not _foresees(part, reduced)]
+    above = above_floor(concurrently(look, unforeseen), [], seed, say, seen=True)
     found = {part.joints for _, part in above}
     outcomes[:] = [outcome for outcome in outcomes if outcome.joints not in found]
     return nearer, above
+
+
+def _foresees(part: PartFit, near: Reduced) -> bool:
+    """Whether a fit to clear motion leaves no more, with the motion near something, than asks for a closer look."""
+    squares, counts = np.zeros(len(part.joints)), np.zeros(len(part.joints))
+    for rows, piece in zip(part.held_out(part.base, near.train), near.train, strict=True):
+        known = np.isfinite(piece.measured[:, [piece.joints.index(joint) for joint in part.joints]])
+        squares, counts = squares + (np.where(known, rows, 0.0) ** 2).sum(axis=0), counts + known.sum(axis=0)
+    return bool((squares <= CLOSER_LOOK * part.floor * counts).all())

@@ -80,7 +80,7 @@ def diagnose(
         elif not above and shared is None:
             shared = in_common(twin, reduction, looked_at, limit, seed, say)
         if not above and shared is None:
-            reduction, above = when_near(twin, reduction, groups, outcomes, seed, say)
+            reduction, above = when_near(twin, reduction, looked_at, outcomes, seed, say)
             left_out.cut(reduction, groups)
             left_out.near = [reduced.name for reduced, _ in above]
         while shared is not None:

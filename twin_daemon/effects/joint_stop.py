@@ -10,10 +10,12 @@ import numpy as np
 from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Seen, Story
 from twin_daemon.effects.edits import add_joint_tendon
 
-_EDGES = (0.05, 0.95)  # of the samples: a joint that stands at a stop does so for more than a twentieth of them
+_EDGES = (0.05, 0.005)  # of the samples from either end: a joint that stands at a stop does so for at least that share
 _STIFF = 4.0  # times the servo's stiffness
 _RANGE = Reach("span", 1.0)
-_BEGINNINGS = np.arange(0.05, 1.0, 0.05)  # quantiles of the angle at which a stop may begin
+_RARE = np.array([0.005, 0.01, 0.02, 0.03])
+# quantiles of the angle at which a stop may begin: one that only the widest motion meets is met in few samples
+_BEGINNINGS = np.concatenate([_RARE, np.arange(0.05, 1.0, 0.05), 1.0 - _RARE[::-1]])
 
 
 class JointStop(Effect):
@@ -86,10 +88,10 @@ class JointStop(Effect):
                 place = {"upper": scale.upper - begins, "lower": 0.0} if side > 0 else {"lower": begins - scale.lower}
                 found.append((taken, {"stiffness": slope * scale.kp, "upper": 0.0, **place}))
         found.sort(key=lambda one: -one[0])
-        low, high = np.quantile(angle, _EDGES)
-        stiff = _STIFF * scale.kp
-        return (
-            *(values for _, values in found),
-            {"stiffness": stiff, "upper": scale.upper - float(high), "lower": 0.0},
-            {"stiffness": stiff, "upper": 0.0, "lower": float(low) - scale.lower},
-        )
+        stands = {"stiffness": _STIFF * scale.kp, "upper": 0.0, "lower": 0.0}
+        edges: list[dict[str, float]] = []
+        for share in _EDGES:
+            low, high = np.quantile(angle, (share, 1.0 - share))
+            edges.append(stands | {"upper": scale.upper - float(high)})
+            edges.append(stands | {"lower": float(low) - scale.lower})
+        return (*(values for _, values in found), *edges)

@@ -83,6 +83,16 @@ class Problem:
         self._told: dict[int, tuple[tuple[float, int], np.ndarray]] = {}
         self._felt: dict[int, tuple[Measurement, np.ndarray]] = {}
 
+    def beginning(self, recordings: Sequence[Aligned]) -> Problem:
+        """The same over the same recordings, which only begin elsewhere: what they are told and feel is kept.
+
+        A joint that is never commanded holds where it began before.
+        """
+        other = copy.copy(self)
+        other.recordings, other._last = tuple(recordings), None
+        other._starts = [r.start_state(self.twin) for r in recordings]
+        return other
+
     # -- points --------------------------------------------------------------------------------------------
 
     @property

@@ -47,10 +47,11 @@ def with_start_errors(twin: TwinModel, pieces: Sequence[Aligned], joints: Sequen
         return list(pieces)
     shown = [pieces[index] for index in chosen]
     nothing = np.zeros((1, 0))
-    before = Problem(twin, shown, (), joints, threads=1).predict(nothing)
+    problem = Problem(twin, shown, (), joints, threads=1)
+    before = problem.predict(nothing)
     responses = [np.zeros((2 * len(joints), len(piece.time_s), len(twin.joints))) for piece in shown]
     for number, (order, column) in enumerate((order, column) for order in range(2) for column in columns):
-        moved = Problem(twin, [_moved(piece, order, column) for piece in shown], (), joints, threads=1).predict(nothing)
+        moved = problem.beginning([_moved(piece, order, column) for piece in shown]).predict(nothing)
         for response, after, was in zip(responses, moved, before, strict=True):
             response[number][:, columns] = np.nan_to_num(after[0] - was[0])
     out = list(pieces)
