@@ -6,6 +6,7 @@ than one. A process that is forked has all that its work needs without a copy, a
 
 from __future__ import annotations
 
+import ctypes
 import multiprocessing
 import os
 import pickle
@@ -18,6 +19,8 @@ from multiprocessing.process import BaseProcess
 from typing import TypeVar
 
 from twin_daemon.executor import begin_on_one_core, on_this_machine, processor_s, thread_count
+
+_PR_SET_PDEATHSIG = 1  # of prctl(2)
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -67,15 +70,18 @@ def side_by_side(work: Callable[[Item], Result], items: Sequence[Item]) -> Gener
 def _begun(work: Callable[[Item], Result], item: Item, places: int) -> tuple[Connection, BaseProcess]:
     """The end of a pipe at which the answer of a new process arrives, and that process."""
     receiver, sender = multiprocessing.Pipe(duplex=False)
-    arguments = (work, item, places, processor_s(), sender)
+    arguments = (work, item, places, processor_s(), os.getpid(), sender)
     process = multiprocessing.get_context("fork").Process(target=_work, args=arguments, daemon=True)
     process.start()
     sender.close()
     return receiver, process
 
 
-def _work(work: Callable[[Item], Result], item: Item, places: int, spent_s: float, sender: Connection) -> None:
+def _work(
+    work: Callable[[Item], Result], item: Item, places: int, spent_s: float, parent: int, sender: Connection
+) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever began this process ends it
+    _end_with(parent)
     begin_on_one_core(spent_s, places)
     try:
         answer = (None, work(item))
@@ -83,3 +89,10 @@ def _work(work: Callable[[Item], Result], item: Item, places: int, spent_s: floa
         answer = (error, None)
     sender.send_bytes(pickle.dumps(answer))
     os._exit(0)  # what the first process has not written yet is not written twice
+
+
+def _end_with(parent: int) -> None:
+    """This process is killed when its parent ends, however that one dies: nobody would take its answer."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:  # it had ended before
+        os._exit(0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -104,3 +105,22 @@ def test_a_time_limit_counts_what_the_processes_do() -> None:
     assert dict(side_by_side(until_over, range(2))) == {0: True, 1: True}
     assert limit.over()
     assert not TimeLimit(0.5).over()
+
+
+_BEGIN_AND_SAY = """
+import os, time
+from twin_daemon.processes import side_by_side
+def work(n):
+    print(os.getpid(), flush=True)
+    time.sleep(60.0)
+list(side_by_side(work, range(2)))
+"""
+
+
+def test_they_end_with_the_first_process_however_that_one_dies() -> None:
+    first = subprocess.Popen([sys.executable, "-c", _BEGIN_AND_SAY], stdout=subprocess.PIPE, text=True)
+    assert first.stdout is not None
+    for _ in range(2):
+        assert int(first.stdout.readline()) != first.pid
+    first.kill()
+    first.communicate(timeout=10.0)  # until all have closed their end of the pipe: they would sleep for a minute
