@@ -242,6 +242,8 @@ class _Stepwise:
                 return None, said
             return self._diagnosed(asked[index][1], 1, said.append), said
 
+        if len(asked) > 1:
+            self._say(f"looking at {', '.join(name for name, _ in asked)}: each is told of when it has ended")
         for index, (found, said) in side_by_side(looked_at, range(len(asked))):
             for line in said:
                 self._say(line)
