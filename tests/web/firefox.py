@@ -114,7 +114,7 @@ class FirefoxTab(Tab):
 
     def __init__(self, socket: ClientConnection) -> None:
         super().__init__(socket, _ANSWER_S)
-        wanted = {"alwaysMatch": {"unhandledPromptBehavior": {"default": "ignore", "file": "ignore"}}}
+        wanted = {"alwaysMatch": {"unhandledPromptBehavior": {"default": "ignore"}}}
         self.call("session.new", capabilities=wanted)
         self.call("session.subscribe", events=["log.entryAdded"])
         self._context = self.call("browsingContext.getTree")["contexts"][0]["context"]

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from twin_daemon.comparison.noise import noise_variance
-from twin_daemon.simulation.alignment import Aligned, command_onset, model_onset, predict
+from twin_daemon.simulation.alignment import Aligned, command_onset, lowest, model_onset, predict
 from twin_daemon.simulation.twin import TwinModel
 
 _LAG_RANGE_S = 0.3
@@ -118,8 +116,7 @@ def _lag(time_s: np.ndarray, measured: np.ndarray, predicted: np.ndarray) -> flo
     best = float(grid[int(np.argmin([error(lag, every) for lag in grid]))])
     if abs(best) >= _LAG_RANGE_S:  # the best lies outside of what was looked at
         return None
-    found: Any = minimize_scalar(error, bounds=(best - 0.01, best + 0.01), method="bounded", options={"xatol": 1e-5})
-    return float(found.x)
+    return lowest(error, best - 0.01, best + 0.01, 1e-5)
 
 
 def raw_command(twin: TwinModel, aligned: Aligned) -> np.ndarray:

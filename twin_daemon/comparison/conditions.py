@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from twin_daemon.simulation.alignment import Aligned
 
@@ -113,6 +112,8 @@ def _error(joint: str, condition: str, parts: list[_Part], rms: float) -> Condit
 
 def smooth_speed(time_s: np.ndarray, position: np.ndarray) -> np.ndarray:
     """Speed (n,) rad/s of one joint from its readings (n,) rad, smoothed over about an eighth of a second."""
+    from scipy.ndimage import uniform_filter1d  # a daemon starts without it, a quarter of a second earlier
+
     known = np.isfinite(position)
     filled = np.interp(time_s, time_s[known], position[known])
     width = max(1, int(_SMOOTH_S / max(float(np.median(np.diff(time_s))), 1e-6)))

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Seen, Story
 from twin_daemon.effects.edits import add_passive_motor
@@ -102,6 +101,8 @@ class _Spectrum:
 
     def closest(self, periods: float, step: float) -> float:
         """The periods a radian, within a step of some, that leave least."""
+        from scipy.optimize import minimize_scalar  # every process knows the effects, and few of them look for any
+
         within = (periods - step, periods + step)
         found: Any = minimize_scalar(lambda count: self.wave(count)[0], bounds=within, method="bounded")
         return float(found.x)

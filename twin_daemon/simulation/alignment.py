@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from twin_daemon.errors import BadInput
 from twin_daemon.recordings.recording import Recording
@@ -214,8 +213,7 @@ def command_onset(twin: TwinModel, aligned: Aligned) -> float:
     grid = near if known else np.arange(-length, aligned.time_s[-1], 0.05)
     every = int(np.ceil(len(aligned.time_s) / _ONSET_SAMPLES))
     best = grid[int(np.argmin([error(onset, every) for onset in grid]))]
-    found: Any = minimize_scalar(error, bounds=(best - 0.06, best + 0.06), method="bounded", options={"xatol": 1e-4})
-    return float(found.x)
+    return lowest(error, best - 0.06, best + 0.06, 1e-4)
 
 
 def model_onset(twin: TwinModel, aligned: Aligned, *, threads: int | None = None) -> float:
@@ -243,12 +241,20 @@ def model_onset(twin: TwinModel, aligned: Aligned, *, threads: int | None = None
         best = min(best, (error(0.0), onset))
         grid = np.linspace(-_ONSET_REACH_S, _ONSET_REACH_S, 41)
         near = float(grid[int(np.argmin([error(shift) for shift in grid]))])
-        box = (near - 0.01, near + 0.01)
-        found: Any = minimize_scalar(error, bounds=box, method="bounded", options={"xatol": 1e-5})
-        if abs(found.x) < _ONSET_FOUND_S:
+        shift = lowest(error, near - 0.01, near + 0.01, 1e-5)
+        if abs(shift) < _ONSET_FOUND_S:
             break
-        onset += float(found.x)
+        onset += shift
     return best[1]
+
+
+def lowest(error: Callable[[float], float], low: float, high: float, tolerance: float) -> float:
+    """Where an error is lowest between two bounds, by Brent's method."""
+    # not at the top: a daemon and a gate start without an optimiser, half a second earlier
+    from scipy.optimize import minimize_scalar
+
+    found: Any = minimize_scalar(error, bounds=(low, high), method="bounded", options={"xatol": tolerance})
+    return float(found.x)
 
 
 def predict(twin: TwinModel, aligned: Aligned, *, threads: int | None = None) -> np.ndarray:
