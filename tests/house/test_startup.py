@@ -1,4 +1,4 @@
-"""The command line answers at once: help loads nothing that computes or talks to a network."""
+"""The command line answers at once, as help loads nothing that computes or talks to a network; a daemon soon."""
 
 from __future__ import annotations
 
@@ -18,6 +18,15 @@ def test_help_loads_nothing_heavy() -> None:
     shown, loaded = done.stdout.rsplit("|", 1)
     assert "versions" in shown
     assert not HEAVY & {name.partition(".")[0] for name in loaded.split()}
+
+
+@pytest.mark.parametrize("module", ["bridges.zenoh.daemon", "bridges.zenoh.gatekeeper"])
+def test_what_lives_with_the_hand_starts_without_an_optimiser(module: str) -> None:
+    """Each process of a hand would begin half a second later."""
+    code = f"import sys, {module}; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert module in done.stdout
+    assert "scipy.optimize" not in done.stdout
 
 
 @pytest.mark.parametrize("name", COMMANDS)
