@@ -24,39 +24,54 @@ _PR_SET_PDEATHSIG = 1  # of prctl(2)
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+Say = Callable[[str], None]
+"""Called with a line of what work has come to."""
 
 
-def side_by_side(work: Callable[[Item], Result], items: Sequence[Item]) -> Generator[tuple[int, Result], None, None]:
-    """(index, work(item)) for each item, as they end. What the work raises is raised here.
+def places(count: int) -> int:
+    """How many processes so many pieces of work get: one a core, or 1 where all is done in this process.
 
-    As many processes as there are cores; one after another, in this process, where there is one core, where the work is
-    sent to a cluster, in another thread than the main one, or on a system that cannot fork while libraries run threads.
-    What a process that was killed had begun is done in this one. Whoever stops asking ends the processes.
+    So it is with one core or one piece, where work is sent to a cluster, in another thread than the main one, and on a
+    system that cannot fork while libraries run threads.
     """
-    places = min(thread_count(), len(items))
     in_main = threading.current_thread() is threading.main_thread()
-    if places < 2 or not on_this_machine() or not in_main or not sys.platform.startswith("linux"):
+    forks = on_this_machine() and in_main and sys.platform.startswith("linux")
+    return min(thread_count(), count) if forks else 1
+
+
+def side_by_side(
+    work: Callable[[Item, Say], Result], items: Sequence[Item], say: Say
+) -> Generator[tuple[int, Result], None, None]:
+    """(index, work(item, say)) for each item, as they end. What the work raises is raised here.
+
+    In as many processes as there are `places`. What one of several says is told when it has ended. What a process that
+    was killed had begun is done in this one. Whoever stops asking ends the processes.
+    """
+    count = places(len(items))
+    if count < 2:
         for index, item in enumerate(items):
-            yield index, work(item)
+            yield index, work(item, say)
         return
     waiting = list(range(len(items)))[::-1]
     running: dict[Connection, tuple[BaseProcess, int]] = {}
     try:
         while waiting or running:
-            while waiting and len(running) < places:
+            while waiting and len(running) < count:
                 index = waiting.pop()
-                connection, process = _begun(work, items[index], places)
+                connection, process = _begun(work, items[index], count)
                 running[connection] = process, index
             for connection in wait(list(running)):
                 assert isinstance(connection, Connection)
                 process, index = running.pop(connection)
                 try:
-                    error, answer = pickle.loads(connection.recv_bytes())
+                    error, answer, said = pickle.loads(connection.recv_bytes())
                 except EOFError:
-                    error, answer = None, work(items[index])
+                    error, answer, said = None, work(items[index], say), ()
                 finally:
                     connection.close()
                 process.join()
+                for line in said:
+                    say(line)
                 if error is not None:
                     raise error
                 yield index, answer
@@ -67,10 +82,10 @@ def side_by_side(work: Callable[[Item], Result], items: Sequence[Item]) -> Gener
             connection.close()
 
 
-def _begun(work: Callable[[Item], Result], item: Item, places: int) -> tuple[Connection, BaseProcess]:
+def _begun(work: Callable[[Item, Say], Result], item: Item, count: int) -> tuple[Connection, BaseProcess]:
     """The end of a pipe at which the answer of a new process arrives, and that process."""
     receiver, sender = multiprocessing.Pipe(duplex=False)
-    arguments = (work, item, places, processor_s(), os.getpid(), sender)
+    arguments = (work, item, count, processor_s(), os.getpid(), sender)
     process = multiprocessing.get_context("fork").Process(target=_work, args=arguments, daemon=True)
     process.start()
     sender.close()
@@ -78,15 +93,16 @@ def _begun(work: Callable[[Item], Result], item: Item, places: int) -> tuple[Con
 
 
 def _work(
-    work: Callable[[Item], Result], item: Item, places: int, spent_s: float, parent: int, sender: Connection
+    work: Callable[[Item, Say], Result], item: Item, count: int, spent_s: float, parent: int, sender: Connection
 ) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever began this process ends it
     _end_with(parent)
-    begin_on_one_core(spent_s, places)
+    begin_on_one_core(spent_s, count)
+    said: list[str] = []
     try:
-        answer = (None, work(item))
+        answer = (None, work(item, said.append), said)
     except Exception as error:
-        answer = (error, None)
+        answer = (error, None, said)
     sender.send_bytes(pickle.dumps(answer))
     os._exit(0)  # what the first process has not written yet is not written twice
 

@@ -9,7 +9,9 @@ from tests.simulation.made import Motion, recorded
 from twin_daemon.calibration.calibrate import calibrate
 from twin_daemon.calibration.spaces import load_space, variables_of
 from twin_daemon.estimation.partition import Reduction
-from twin_daemon.estimation.subproblems import reduced_problems, touching
+from twin_daemon.estimation.solvers.least_squares import descend
+from twin_daemon.estimation.solvers.tracker import Tracker
+from twin_daemon.estimation.subproblems import PartwiseSearch, reduced_problems, touching
 from twin_daemon.estimation.variables import Variable
 from twin_daemon.recalibration.clear_errors import clear_residuals
 from twin_daemon.simulation.alignment import Aligned, align
@@ -57,6 +59,26 @@ def test_each_has_a_problem_of_its_own(twin: TwinModel, aligned: Aligned, separa
     found = reduced_problems(twin, [aligned], _variables(twin), MOVING, separable=separable)
     assert len(found) == problems
     assert sum(sub.weight for sub in found) == pytest.approx(1.0)
+
+
+def test_parts_are_searched_side_by_side_as_one_after_another(
+    twin: TwinModel, aligned: Aligned, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The same values and the same falling error, to the last bit."""
+
+    def some_steps(tracker: Tracker, budget: int | None, seed: int) -> None:
+        descend(tracker, tracker.problem.start, 3)
+
+    problems = reduced_problems(twin, [aligned], _variables(twin), MOVING, separable=True)
+    found: list[PartwiseSearch] = []
+    for cores in ("1", "2"):
+        monkeypatch.setenv("TWIN_THREADS", cores)
+        found.append(PartwiseSearch())
+        found[-1].run(problems, some_steps, None, 0)
+    in_turn, side_by_side = found
+    assert in_turn.units == side_by_side.units
+    assert in_turn.history == side_by_side.history
+    assert in_turn.history[-1] < in_turn.history[0]
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ joints, or a share of what they had at first: less only bends the laws of those 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -29,7 +29,7 @@ from twin_daemon.errors import BadInput
 from twin_daemon.estimation.estimate import Estimate
 from twin_daemon.executor import TimeLimit
 from twin_daemon.places import HAND, ROBOT
-from twin_daemon.processes import side_by_side
+from twin_daemon.processes import Say, places, side_by_side
 from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.submodel import drive_groups, parts
 from twin_daemon.simulation.twin import TwinModel
@@ -40,8 +40,6 @@ _GRAVEST: tuple[VerdictName, ...] = ("unexplained", "ambiguous", "explained", "w
 _NOTHING_MOVES = "no joint moves by more than 0.05 rad: record steps, two speeds, small reversals and holds"
 
 _TOGETHER = "with-effects"  # the space of all values
-
-Say = Callable[[str], None]
 
 
 @dataclass
@@ -206,20 +204,20 @@ class _Stepwise:
         moving = set(moving_joints(self._train))
         if sum(bool(moving & set(group.joints)) for group in drive_groups(self._first)) < 2:
             return False
-        found = self._finished(self._diagnosed(None, most_effects=0))
+        found = self._finished(self._diagnosed(None, 0, self._say))
         if found.findings:
             self._parts[ROBOT] = found
             self.ladder.steps[-1] = self._judged(self.ladder.steps[-1])
         return bool(found.findings)
 
-    def _diagnosed(self, joints: Sequence[str] | None, most_effects: int, say: Say | None = None) -> Diagnosis:
+    def _diagnosed(self, joints: Sequence[str] | None, most_effects: int, say: Say) -> Diagnosis:
         return diagnose(
             self.ladder.twin,
             self._train,
             self._holdout,
             joints=joints,
             seed=self._seed,
-            stream=say or self._say,
+            stream=say,
             most_effects=most_effects,
             limit=self.limit,
         )
@@ -233,24 +231,22 @@ class _Stepwise:
     def _look(self, only: Collection[str] | None) -> None:
         """Diagnoses some parts again, or all: what was found in one stays true while another one changes."""
         moving = moving_joints(self._train)
-        cut = [(part.name, [n for n in part.joints if n in moving]) for part in parts(self.ladder.twin)]
-        asked = [(name, own) for name, own in cut if own and (only is None or name in only)]
+        cut = {part.name: [n for n in part.joints if n in moving] for part in parts(self.ladder.twin)}
+        asked = [name for name, own in cut.items() if own and (only is None or name in only)]
 
-        def looked_at(index: int) -> tuple[Diagnosis | None, list[str]]:
-            said: list[str] = []
-            if self.limit.over() and (self._parts or index):
-                return None, said
-            return self._diagnosed(asked[index][1], 1, said.append), said
+        def looked_at(name: str, say: Say) -> Diagnosis | None:
+            if self.limit.over() and (self._parts or name != asked[0]):
+                return None
+            return self._diagnosed(cut[name], 1, say)
 
-        if len(asked) > 1:
-            self._say(f"looking at {', '.join(name for name, _ in asked)}: each is told of when it has ended")
-        for index, (found, said) in side_by_side(looked_at, range(len(asked))):
-            for line in said:
-                self._say(line)
+        if places(len(asked)) > 1:
+            self._say(f"looking at {', '.join(asked)}: each is told of when it has ended")
+        for index, found in side_by_side(looked_at, asked, self._say):
             if found is not None:
-                self._parts[asked[index][0]] = self._finished(found)
-                self._changed.discard(asked[index][0])
-        self._parts = {name: self._parts[name] for name, _ in [*cut, (ROBOT, [])] if name in self._parts}
+                self._parts[asked[index]] = self._finished(found)
+                self._changed.discard(asked[index])
+        # in the hand's order, whichever ended first
+        self._parts = {name: self._parts[name] for name in (*cut, ROBOT) if name in self._parts}
         if len(self._parts) > 1:
             self._parts.pop(ROBOT, None)  # the parts say the same by now
         self._changed.clear()

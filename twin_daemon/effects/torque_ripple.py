@@ -9,6 +9,7 @@ import numpy as np
 
 from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Seen, Story
 from twin_daemon.effects.edits import add_passive_motor
+from twin_daemon.minimum import lowest
 
 _FEWEST, _MOST = 3.0, 120.0  # waves a turn that are looked for
 _LEAST_TRAVEL_RAD = 0.2
@@ -101,8 +102,4 @@ class _Spectrum:
 
     def closest(self, periods: float, step: float) -> float:
         """The periods a radian, within a step of some, that leave least."""
-        from scipy.optimize import minimize_scalar  # every process knows the effects, and few of them look for any
-
-        within = (periods - step, periods + step)
-        found: Any = minimize_scalar(lambda count: self.wave(count)[0], bounds=within, method="bounded")
-        return float(found.x)
+        return lowest(lambda count: self.wave(count)[0], periods - step, periods + step, 1e-5)

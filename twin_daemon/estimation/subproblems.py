@@ -18,7 +18,7 @@ from twin_daemon.estimation.solvers import Search
 from twin_daemon.estimation.solvers.tracker import BudgetSpent, Progress, Tracker
 from twin_daemon.estimation.thresholds import CONTACT_POSES, ONSET_REACH_S
 from twin_daemon.estimation.variables import EffectVariable, OnsetVariable, Variable
-from twin_daemon.processes import side_by_side
+from twin_daemon.processes import Say, places, side_by_side
 from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.contacts import touching_parts
 from twin_daemon.simulation.submodel import Part, parts, submodel, with_coupled
@@ -172,7 +172,7 @@ def touching(twin: TwinModel, recording: Aligned) -> bool:
 
 
 @dataclass(frozen=True)
-class Found:
+class _Found:
     """What the search of one problem has come to: its best point (p,), the error there and after each evaluation."""
 
     best: np.ndarray
@@ -180,7 +180,7 @@ class Found:
     history: list[float]
 
     @classmethod
-    def of(cls, tracker: Tracker) -> Found:
+    def of(cls, tracker: Tracker) -> _Found:
         return cls(tracker.best, tracker.best_mse, tracker.history)
 
 
@@ -212,10 +212,12 @@ class PartwiseSearch:
     ) -> None:
         """Searches each sub-problem from what is known already, with its share of the budget and of the time.
 
-        A KeyboardInterrupt passes through, once the best point so far is kept.
+        A KeyboardInterrupt passes through, once the best point so far is kept; of searches that run side by side, since
+        there is nothing to share out and nobody to tell, those that have ended are kept.
         """
         errors = [float(sub.problem.mse(sub.start(self.units)[None])[0]) * sub.weight for sub in problems]
-        if budget is None and seconds is None and self._progress is None:
+        free = budget is None and seconds is None and self._progress is None
+        if free and places(len(problems)) > 1:
             self._run_side_by_side(problems, search, seed, errors)
             return
         share = None if budget is None else max(1, budget // len(problems))
@@ -226,26 +228,26 @@ class PartwiseSearch:
             try:
                 _search(tracker, search, share, seed)
             finally:
-                self._keep(sub, Found.of(tracker), others)
+                self._keep(sub, _Found.of(tracker), others)
             errors[index] = min(errors[index], tracker.best_mse * sub.weight)
 
     def _run_side_by_side(self, problems: Sequence[SubProblem], search: Search, seed: int, errors: list[float]) -> None:
-        """The same with nothing to share out and nobody to tell; interrupted, it keeps the searches that have ended."""
+        """Searches each sub-problem in a process of its own."""
 
-        def searched(sub: SubProblem) -> Found:
+        def searched(sub: SubProblem, _: Say) -> _Found:
             tracker = Tracker(sub.restarted(self.units))
             _search(tracker, search, None, seed)
-            return Found.of(tracker)
+            return _Found.of(tracker)
 
-        found: dict[int, Found] = {}
+        found: dict[int, _Found] = {}
         try:
-            found.update(side_by_side(searched, problems))
+            found.update(side_by_side(searched, problems, lambda _: None))
         finally:
             for index in sorted(found):
                 self._keep(problems[index], found[index], sum(errors) - errors[index])
                 errors[index] = min(errors[index], found[index].mse * problems[index].weight)
 
-    def _keep(self, sub: SubProblem, found: Found, others: float) -> None:
+    def _keep(self, sub: SubProblem, found: _Found, others: float) -> None:
         if not found.history:
             return
         names = [variable.name for variable in sub.problem.variables]

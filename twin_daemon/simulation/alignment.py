@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from twin_daemon.errors import BadInput
+from twin_daemon.minimum import lowest
 from twin_daemon.recordings.recording import Recording
 from twin_daemon.signals.commands import CommandSignal
 from twin_daemon.signals.trajectory import Trajectory
@@ -246,15 +246,6 @@ def model_onset(twin: TwinModel, aligned: Aligned, *, threads: int | None = None
             break
         onset += shift
     return best[1]
-
-
-def lowest(error: Callable[[float], float], low: float, high: float, tolerance: float) -> float:
-    """Where an error is lowest between two bounds, by Brent's method."""
-    # not at the top: a daemon and a gate start without an optimiser, half a second earlier
-    from scipy.optimize import minimize_scalar
-
-    found: Any = minimize_scalar(error, bounds=(low, high), method="bounded", options={"xatol": tolerance})
-    return float(found.x)
 
 
 def predict(twin: TwinModel, aligned: Aligned, *, threads: int | None = None) -> np.ndarray:
