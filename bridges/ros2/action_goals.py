@@ -74,11 +74,12 @@ class ActionGoals:
             self._foreign(self._by(action))
 
     def _by(self, action: str) -> str:
-        """Who may have sent a goal, in words: a goal does not say who it is from."""
+        """Who may have sent a goal, in words: a goal does not say who it is from. Its sender may have gone, or may have
+        come so shortly before that the graph does not show it yet."""
         names = []
         for name, namespace in self._node.get_node_names_and_namespaces():
             with contextlib.suppress(RuntimeError):  # it has gone meanwhile
                 if action in dict(get_action_client_names_and_types_by_node(self._node, name, namespace)):
                     names.append(f"{namespace.rstrip('/')}/{name}")
-        who = {0: "a ROS 2 node that has gone", 1: "the ROS 2 node "}.get(len(names), "one of the ROS 2 nodes ")
+        who = {0: "a ROS 2 node that is not seen here", 1: "the ROS 2 node "}.get(len(names), "one of the ROS 2 nodes ")
         return f"a goal of {action} from {who}{', '.join(sorted(names))}"
