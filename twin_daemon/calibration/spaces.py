@@ -216,10 +216,11 @@ def _moved_bodies(twin: TwinModel, moving: tuple[str, ...]) -> list[str]:
 def _variable(
     entry: SpaceEntry, kind: ParameterKind, twin: TwinModel, label: str, members: list[str], space: str
 ) -> Variable:
-    current = float(twin.parameter(members[0]).read(twin.base_model))
+    first = twin.parameter(members[0])
+    current, (least, most) = float(first.read(twin.base_model)), first.limits
     start = current if entry.start is None else entry.start
-    lower = kind.lower if entry.lower is None else entry.lower
-    upper = kind.upper if entry.upper is None else entry.upper
+    lower = least if entry.lower is None else entry.lower
+    upper = most if entry.upper is None else entry.upper
     boxed = entry.within is not None or entry.reach is not None
     if boxed:
         reach = entry.reach if entry.within is None else entry.within * abs(start)
@@ -227,11 +228,11 @@ def _variable(
             raise BadInput(f"space '{space}': {label} starts at 0, and a fraction of that is nothing", todo="Use reach")
         lower, upper = start - reach, start + reach
         # a box around a positive parameter may not reach below zero: such friction does not exist
-        lower, upper = max(lower, kind.lower), min(upper, kind.upper)
-    if not kind.lower <= lower < upper <= kind.upper:
+        lower, upper = max(lower, least), min(upper, most)
+    if not least <= lower < upper <= most:
         raise BadInput(
             f"space '{space}': bounds {lower:g} to {upper:g} {kind.unit} of {label} are not physical",
-            allowed=f"{kind.lower:g} to {kind.upper:g} {kind.unit}",
+            allowed=f"{least:g} to {most:g} {kind.unit}",
         )
     if start <= lower and kind.log and entry.start is None:
         start = min(lower * ZERO_START_FACTOR, upper)

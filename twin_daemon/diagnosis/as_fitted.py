@@ -57,7 +57,6 @@ def with_values(twin: TwinModel, values: Mapping[str, float]) -> TwinModel:
     """
     within = {}
     for name, value in values.items():
-        kind = twin.parameter(name).kind
         # a fit beside something that is missing goes anywhere, but not beyond what a model can have
-        within[name] = float(np.clip(value, kind.lower, kind.upper))
+        within[name] = float(np.clip(value, *twin.parameter(name).limits))
     return twin.changed(twin.terms.with_parameters(within))

@@ -102,7 +102,7 @@ class Hypothesis:
                 added = (factor - 1.0) * twin.parameter(name).read(twin.base_model)
                 begun = [{**self.effect.as_nominal, first.name: added}]
             found += begun
-        return [self.clipped(self.effect.complete(values)) for values in found]
+        return list(self.starting(found).starts)
 
     def holds_offset(self) -> set[str]:
         """Joints whose reading's offset this candidate speaks for."""

@@ -219,14 +219,16 @@ def _ranked(findings: Sequence[Finding]) -> list[Finding]:
     """By evidence; of those at the same joints what the model lacks comes before a number of its own that is off.
 
     A weaker servo with play is a joint with play first: no other value of the model's numbers would do. A torque limit
-    is one of these, as the effect of a weaker servo holds it.
+    is one of these, as the effect of a weaker servo holds it. What is sure comes before what is doubtful: the nats
+    of a second effect are over what the first one leaves, with its own floor, and may be more.
     """
     numbers = [effect for effect in tuple(LIBRARY.values()) if effect.competes_with is not None]
     own = {key for effect in numbers for key in (effect.key, *effect.contains)}
 
-    def key(finding: Finding) -> tuple[float, bool, float]:
+    def key(finding: Finding) -> tuple[float, bool, float, float]:
         beside = [other.evidence_nats for other in findings if set(other.joints) & set(finding.joints)]
-        return -max(beside), finding.effect in own, -finding.evidence_nats
+        doubt = max(SURE - (finding.probability or 0.0), 0.0)
+        return -max(beside), finding.effect in own, doubt, -finding.evidence_nats
 
     return sorted(findings, key=key)
 

@@ -72,8 +72,7 @@ def _known(nominal: TwinModel, name: str) -> tuple[str, float | None, float | No
         reference = nominal.parameter(name)
     except BadInput:
         return "", None, None, None
-    kind = reference.kind
-    return kind.unit, reference.read(nominal.base_model), kind.lower, kind.upper
+    return reference.kind.unit, reference.read(nominal.base_model), *reference.limits
 
 
 def _said(identifiable: bool | str | None) -> str | None:

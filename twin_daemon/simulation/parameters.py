@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 
 Element = Literal["joint", "actuator", "tendon", "body"]
+_FAR = 10.0  # times what a model says of a positive number: further from it no fit of that model is believed
 
 
 @dataclass(frozen=True)
@@ -22,8 +23,9 @@ class ParameterKind:
     """One kind of parameter: its unit, physical bounds, and how it is read and written.
 
     `lower` and `upper` are what is physically sensible for the parts of a hand or a small arm, not a search
-    box. `log` says that the parameter is positive and is searched by its logarithm. `constants` says that
-    MuJoCo derives constants from it, so that mj_setConst has to follow a write into a compiled model.
+    box; `limits` are wider where the model itself is of another size. `log` says that the parameter is positive and is
+    searched by its logarithm. `constants` says that MuJoCo derives constants from it, so that mj_setConst has to follow
+    a write into a compiled model.
     """
 
     key: str
@@ -36,6 +38,15 @@ class ParameterKind:
     write: Callable[[mujoco.MjModel, int, float], None]
     edit: Callable[[Any, float], None]
     constants: bool = False
+
+    def limits(self, own: float) -> tuple[float, float]:
+        """What is accepted where the model itself has the value `own`, in its unit: its maker knows its size."""
+        if self.log:
+            return (min(self.lower, own / _FAR) if own > 0.0 else self.lower), max(self.upper, own * _FAR)
+        if self.lower <= own <= self.upper:
+            return self.lower, self.upper
+        far = 2.0 * abs(own)
+        return min(self.lower, -far), max(self.upper, far)
 
     def __reduce__(self) -> tuple[Callable[[str], ParameterKind], tuple[str]]:
         return _by_key, (self.key,)  # a kind is its key, in another process, too

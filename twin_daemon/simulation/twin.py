@@ -24,12 +24,13 @@ from twin_daemon.simulation.terms import EffectTerm, Terms
 
 @dataclass(frozen=True)
 class ParameterRef:
-    """Where one parameter lives in a compiled model: its kind and the id of its element."""
+    """Where one parameter lives in a compiled model: its kind, the id of its element, and what is accepted there."""
 
     name: str
     kind: ParameterKind
     element: str
     id: int
+    limits: tuple[float, float]
 
     def read(self, model: mujoco.MjModel) -> float:
         return self.kind.read(model, self.id)
@@ -245,7 +246,9 @@ class TwinModel:
             element = {"joint": place.joint, "actuator": place.actuator, "tendon": place.tendon}[kind.element]
             if element is None:
                 raise BadInput(f"'{target}' has no {kind.element}, so no '{key}'")
-        return ParameterRef(name, kind, element, getattr(self.base_model, kind.element)(element).id)
+        found = getattr(self.base_model, kind.element)(element).id
+        nominal = self._compiled[1]
+        return ParameterRef(name, kind, element, found, kind.limits(kind.read(nominal, found)))
 
     def _edit_parameters(self, parameters: Mapping[str, float]) -> None:
         order = list(KINDS)
@@ -253,10 +256,11 @@ class TwinModel:
         # a spring's stiffness before its preload, a body's mass before its inertia
         for ref in sorted(refs, key=lambda ref: (order.index(ref.kind.key), ref.name)):
             value = parameters[ref.name]
-            if not ref.kind.lower <= value <= ref.kind.upper:
+            lower, upper = ref.limits
+            if not lower <= value <= upper:
                 raise BadInput(
                     f"{ref.name} = {value:g} {ref.kind.unit} is not physical",
-                    allowed=f"{ref.kind.lower:g} to {ref.kind.upper:g} {ref.kind.unit}",
+                    allowed=f"{lower:g} to {upper:g} {ref.kind.unit}",
                 )
             element = getattr(self._base, ref.kind.element)(ref.element)
             if ref.kind.element == "body":
