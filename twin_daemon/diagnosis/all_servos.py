@@ -10,7 +10,7 @@ import numpy as np
 from twin_daemon.diagnosis.conclude import Accepted, Outcome
 from twin_daemon.diagnosis.fit import own_estimates
 from twin_daemon.diagnosis.shared_cause import SharedCause
-from twin_daemon.diagnosis.thresholds import DECISIVE_NATS, VALUE_FLOOR
+from twin_daemon.diagnosis.thresholds import DECISIVE_NATS, SAME_VALUE
 from twin_daemon.diagnosis.verdict import Finding
 from twin_daemon.effects import LIBRARY
 from twin_daemon.estimation.estimate import Estimate
@@ -47,8 +47,9 @@ def _mean(estimates: Sequence[Estimate]) -> tuple[Estimate, float]:
     sigmas = np.array([max((one.ci95[1] - one.ci95[0]) / 2 / Z95, 1e-12) for one in estimates])
     weights = sigmas**-2
     mean = float(weights @ values / weights.sum())
-    half = max(Z95 * float(weights.sum() ** -0.5), VALUE_FLOOR * abs(mean))
-    apart = 0.5 * float((((values - mean) / sigmas) ** 2).sum())
+    # what is wrong with the model is wrong at all of them: no surer than the surest
+    half = Z95 * float(sigmas.min())
+    apart = 0.5 * float((((values - mean) / np.maximum(sigmas, SAME_VALUE * abs(mean) / Z95)) ** 2).sum())
     return estimates[0].model_copy(update={"value": mean, "ci95": (mean - half, mean + half)}), apart
 
 

@@ -17,15 +17,14 @@ from twin_daemon.diagnosis.thresholds import (
     FOUND_SHARE,
     NEXT_TO_NOTHING,
     SPOKEN_SIGMA,
-    TORQUE_FLOOR,
-    VALUE_FLOOR,
 )
 from twin_daemon.diagnosis.verdict import MovedParameter
 from twin_daemon.estimation.posterior import Posterior
 from twin_daemon.estimation.solvers.trust_region import Descent
 from twin_daemon.estimation.thresholds import BOX_INFORMATION, Z95
-from twin_daemon.estimation.uncertainty import Estimate, estimated, unit_sigmas, widened
+from twin_daemon.estimation.uncertainty import Estimate, estimated, inflation, unit_covariance, widened
 from twin_daemon.estimation.variables import EffectVariable, ParameterVariable, Prior
+from twin_daemon.simulation.twin import TwinModel
 
 
 @dataclass(frozen=True)
@@ -153,15 +152,22 @@ def own_columns(problem: Posterior) -> list[int]:
 
 
 def value_interval(fit: Fit, index: int, variable: EffectVariable, sigma: float) -> tuple[float, float]:
-    """95 % interval of an effect's value from the sigma of its unit coordinate, at least 5 % of it; 12 % for torques.
+    """95 % interval of an effect's value from the sigma of its unit coordinate.
 
-    A torque is seen as a part of the servo's stiffness, of which only gravity and inertia tell the size: they are
-    worth less than their rows claim, as the hidden suite shows. An effect that speaks for a nominal parameter is known
-    no better than the nominal parameter is.
+    An effect that speaks for a nominal parameter is known no better than the nominal parameter is.
     """
-    value = variable.value(fit.point[index])
-    least = (TORQUE_FLOOR if "N m" in variable.unit else VALUE_FLOOR) * abs(value)
-    return widened(variable, fit.point[index], sigma, max(least, Z95 * _nominal_sigma(fit, variable)))
+    weighed = weighed_share(fit.problem.twin, variable.unit) * abs(variable.value(fit.point[index]))
+    return widened(variable, fit.point[index], sigma, Z95 * max(weighed, _nominal_sigma(fit, variable)))
+
+
+def weighed_share(twin: TwinModel, unit: str) -> float:
+    """One sigma, as a share of a value in this unit, of what positions tell only beside the links' own weight.
+
+    A torque is seen as a part of the servo's stiffness, and how large that is only gravity and inertia tell: of a link
+    the mass and the centre of mass are each known to so much.
+    """
+    weighed = "N m" in unit or "kg" in unit
+    return float(np.sqrt(2.0) * twin.hand.description.nominal_uncertainty.mass) if weighed else 0.0
 
 
 def stands_out(fit: Fit) -> bool:
@@ -229,7 +235,14 @@ def _nominal_sigma(fit: Fit, variable: EffectVariable) -> float:
 
 def own_sigmas(fit: Fit) -> np.ndarray:
     """(p,) sigma of the fit's unit coordinates, by Gauss-Newton at the fitted point."""
-    return unit_sigmas(fit.slopes, max(1.0, fit.chi_square))
+    return np.sqrt(np.diag(_covariance(fit)))
+
+
+def _covariance(fit: Fit) -> np.ndarray:
+    """(p, p) of the fit's unit coordinates."""
+    believed = fit.problem.prior_slopes()
+    inflated = inflation(fit.chi_square, fit.problem.effective_samples, len(fit.point))
+    return unit_covariance(fit.slopes[: len(fit.slopes) - len(believed)], believed, inflated)
 
 
 def own_estimates(fit: Fit, seen_by: Fit | None = None) -> dict[str, Estimate]:
@@ -246,10 +259,10 @@ def moved_parameters(fit: Fit) -> tuple[MovedParameter, ...]:
 
     A fit of nuisances ends where it leaves no more than the floor; where they lie is read one Gauss-Newton step on.
     """
-    problem, inflation = fit.problem, max(1.0, fit.chi_square)
+    problem, above, spread = fit.problem, max(1.0, fit.chi_square), _covariance(fit)
     slopes, rows = fit.slopes, problem.residuals(fit.point[None])[0]
-    covariance = np.linalg.inv(slopes.T @ slopes / inflation + BOX_INFORMATION * np.eye(len(fit.point)))
-    best = np.clip(fit.point - covariance @ (slopes.T @ rows) / inflation, 0.0, 1.0)
+    step = np.linalg.solve(slopes.T @ slopes / above + BOX_INFORMATION * np.eye(len(fit.point)), slopes.T @ rows)
+    best = np.clip(fit.point - step / above, 0.0, 1.0)
     deviations = problem.deviations(best)
     variables = {variable.name: variable for variable in problem.variables if variable.prior is not None}
     found = []
@@ -257,7 +270,9 @@ def moved_parameters(fit: Fit) -> tuple[MovedParameter, ...]:
         assert variable.prior is not None
         sigma, known_to = deviations[name], variable.prior.sigma
         if isinstance(variable, ParameterVariable) and variable.factor:
-            half = max(Z95 * float(np.sqrt(row @ covariance @ row)), VALUE_FLOOR / known_to)  # in its prior's sigma
+            unit = problem.twin.parameter(variable.parameters[0]).kind.unit
+            weighed = weighed_share(problem.twin, unit) / known_to
+            half = Z95 * float(np.hypot(np.sqrt(row @ spread @ row), weighed))  # in its prior's sigma
             if abs(sigma) > max(half, SPOKEN_SIGMA):
                 low, middle, high = (float(np.exp(known_to * s)) for s in (sigma - half, sigma, sigma + half))
                 ratio = {"of_nominal": middle, "of_nominal_ci95": (low, high), "known_to": known_to}

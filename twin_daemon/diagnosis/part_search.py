@@ -86,10 +86,11 @@ class PartSearch:
         progress = self._further(begun or self.begun(), None, self.most_effects)
         found, left = progress.outcome, progress.left
         begins = [one for one in found.others if one.hypothesis.name not in found.names][:FINALISTS]
+        # all that was accepted has one fit; of single beginnings the first is the best
         best = found.accepted or begins
         if found.unfinished or self.most_effects < 2 or not best:
             return found
-        against, may_leave = best[-1].fit, np.full_like(left, np.inf)
+        against, may_leave = best[0].fit, np.full_like(left, np.inf)
         if found.explains:
             if (RELATIVE_ERROR * left < 1.0).all():
                 return found

@@ -119,7 +119,7 @@ def refit_shared(
     beside = there.beside(cause, found.values)
     return Refit(
         (cause.term(found.values),),
-        {f"{cause.name}.{name}": one for name, one in cause.estimates(found.values, slopes).items()},
+        {f"{cause.name}.{name}": one for name, one in there.estimates(found, slopes).items()},
         {name: value for _, part in beside for name, value in part.base.moved.items()},
         [],
     )

@@ -30,9 +30,10 @@ from twin_daemon.diagnosis.thresholds import (
 )
 from twin_daemon.diagnosis.verdict import Finding
 from twin_daemon.errors import BadInput
+from twin_daemon.estimation.estimate import Estimate
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
-from twin_daemon.estimation.uncertainty import block_gain
+from twin_daemon.estimation.uncertainty import block_gain, inflation
 from twin_daemon.executor import TimeLimit, concurrently
 from twin_daemon.simulation.submodel import linked
 from twin_daemon.simulation.terms import Terms
@@ -142,6 +143,13 @@ class SharedSearch:
         """A cause at known values."""
         complete = cause.accepted({**values, **cause.given})
         return _Begun(cause, complete, self._rows(cause, complete))
+
+    def estimates(self, found: _Begun, slopes: np.ndarray) -> dict[str, Estimate]:
+        """A fitted cause's values with their intervals, from the slopes (m, q) of the rows."""
+        samples = sum(group.floor_cost for group in self._groups)
+        fitted = slopes.shape[1] + sum(len(part.variables) for _, part in self._above)
+        inflated = inflation(found.cost / samples, samples, fitted)
+        return found.cause.estimates(self._twin, found.values, slopes, inflated)
 
     def beside(self, cause: SharedCause, values: Mapping[str, float]) -> list[tuple[Reduced, PartFit]]:
         """The groups with a cause in their models, and what is uncertain about them fitted beside it."""
@@ -297,7 +305,7 @@ class SharedSearch:
             effect=cause.effect.key,
             target=cause.target,
             joints=joints,
-            parameters=cause.estimates(values, slopes),
+            parameters=there.estimates(found, slopes),
             values=cause.term(values).values,
             moved={name: value for _, part in looked_at for name, value in part.base.moved.items()},
             evidence_nats=evidence,

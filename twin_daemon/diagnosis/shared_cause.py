@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from twin_daemon.diagnosis.thresholds import VALUE_FLOOR
+from twin_daemon.diagnosis.fit import weighed_share
 from twin_daemon.effects import LIBRARY
 from twin_daemon.effects.base import Effect, Parameter
 from twin_daemon.estimation.estimate import Estimate
@@ -84,17 +84,23 @@ class SharedCause:
         parameter = self._parameter(name)
         return 1.0 if parameter.neutral == 1.0 else parameter.default - parameter.neutral
 
-    def estimates(self, values: Mapping[str, float], slopes: np.ndarray) -> dict[str, Estimate]:
-        """The values by parameter with their intervals, from the slopes (m, q) of the rows by the amplitudes."""
+    def estimates(
+        self, twin: TwinModel, values: Mapping[str, float], slopes: np.ndarray, inflated: float
+    ) -> dict[str, Estimate]:
+        """The values by parameter with their intervals, from the slopes (m, q) of the rows by the amplitudes.
+
+        The variance of the rows is so many times `inflated`.
+        """
         limits = {name: self._parameter(name).limits for name in self.amplitudes}
         # what the data say nothing of is anywhere within what is accepted at all
         known = np.diag([(1.0 / (upper - lower)) ** 2 for lower, upper in limits.values()])
-        sigmas = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes + known)))
+        sigmas = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes / inflated + known)))
         found = {}
         for (name, (lower, upper)), sigma in zip(limits.items(), sigmas, strict=True):
-            half = max(Z95 * float(sigma), VALUE_FLOOR * abs(values[name]))
+            unit = self._parameter(name).unit
+            half = Z95 * float(np.hypot(sigma, weighed_share(twin, unit) * values[name]))
             interval = (max(values[name] - half, lower), min(values[name] + half, upper))
-            found[name] = Estimate(value=values[name], unit=self._parameter(name).unit, ci95=interval)
+            found[name] = Estimate(value=values[name], unit=unit, ci95=interval)
         return found
 
     def _parameter(self, name: str) -> Parameter:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from twin_daemon.estimation.thresholds import PARAMETER_SIGMA, Z95, Count, Threshold
+from twin_daemon.estimation.thresholds import Count, Threshold
 
 # -- candidates and their fits -------------------------------------------------------------------------------
 
@@ -141,11 +141,8 @@ FORGIVEN_OFFSET_SIGMA = Threshold(2.0, "sigma", "of a constant offset on held-ou
 
 # -- how sure an effect's value is ---------------------------------------------------------------------------
 
-VALUE_FLOOR = Threshold(
-    0.05, "1", "of an effect's value: the least half-width of its interval; plants of other form were 3 % off"
-)
-TORQUE_FLOOR = Threshold(
-    Z95 * 0.5 * PARAMETER_SIGMA, "1", "of a torque: seen as a part of the servo's stiffness, by the hidden suite"
+SAME_VALUE = Threshold(
+    0.05, "1", "of a value: servos that differ by less have one in common; laws of another form were 3 % off"
 )
 
 # -- the next experiment -------------------------------------------------------------------------------------

@@ -151,13 +151,25 @@ def widened(variable: Variable, unit: float, sigma: float, least: float) -> tupl
     return value - float(half[0]), value + float(half[1])
 
 
-def unit_sigmas(slopes: np.ndarray, inflation: float) -> np.ndarray:
-    """(p,) sigma of the unit coordinates from the derivative (m, p) of rows in standard deviations, by Gauss-Newton.
+def inflation(times_floor: float, samples: float, fitted: int) -> float:
+    """How many times more than the noise of the floor makes it the variance of fitted values is.
 
-    `inflation` is the residual over its floor: what is above it is no noise of the size assumed, and intervals widen.
+    What a fit leaves above the floor is no noise but what is wrong with the form of the model, and does not average out
+    over the independent `samples`. A residual that has nothing to do with what a value does to the motion lies as much
+    in that direction as in any other; directions that matter there are as many as `fitted` values.
     """
-    information = slopes.T @ slopes / inflation + BOX_INFORMATION * np.eye(slopes.shape[1])
-    return np.sqrt(np.diag(np.linalg.inv(information)))
+    left = max(times_floor - 1.0, 0.0)
+    return 1.0 + left * (1.0 + samples / max(fitted, 1))
+
+
+def unit_covariance(slopes: np.ndarray, believed: np.ndarray, inflated: float) -> np.ndarray:
+    """(p, p) covariance of the unit coordinates by Gauss-Newton.
+
+    `slopes` (m, p) are of the rows in standard deviations of the floor, whose variance is `inflated`, and `believed`
+    (q, p) those of the priors.
+    """
+    information = slopes.T @ slopes / inflated + believed.T @ believed + BOX_INFORMATION * np.eye(slopes.shape[1])
+    return np.linalg.inv(information)
 
 
 def sample_squares(residuals: Sequence[np.ndarray], known: Sequence[np.ndarray]) -> np.ndarray:
