@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -65,3 +66,33 @@ def test_bodies_without_a_name_are_given_one_that_nobody_has(tmp_path: Path) -> 
     assert len(set(names)) == 3
     assert all(names)
     assert submodel(twin, {"j0"}, np.zeros(2)).joints == ("j0",)
+
+
+def test_friction_creeps_in_a_part_as_in_the_whole(tmp_path: Path) -> None:
+    """MuJoCo scales how fast a joint that friction holds creeps under a load by its inertia: in a part it has more."""
+    link = (
+        '<body name="{0}_link" pos="{1} 0 0"><joint name="{0}" axis="0 1 0" damping="0.02" armature="0.0004"'
+        ' frictionloss="0.05"/><geom type="capsule" fromto="0 0 0 0.06 0 0" size="0.008" mass="0.05" contype="0"'
+        ' conaffinity="0"/>'
+    )
+    names = ("base", "middle", "tip")
+    links = "".join(link.format(name, 0.06 if i else 0.0) for i, name in enumerate(names))
+    servos = "".join(f'<position name="{name}" joint="{name}" kp="20" kv="0.2"/>' for name in names if name != "middle")
+    path = tmp_path / "chain.xml"
+    path.write_text(
+        f'<mujoco model="chain"><option timestep="0.002"/><worldbody>{links}{"</body>" * 3}</worldbody>'
+        f"<actuator>{servos}</actuator></mujoco>"
+    )
+    whole = TwinModel.load(load_hand(model=path))
+    part = submodel(whole, ("middle",), np.zeros(3))
+    crept = []
+    for twin in (whole, part):
+        data, place = mujoco.MjData(twin.model), twin.qpos_adr[twin.joints.index("middle")]
+        for _ in range(1000):
+            mujoco.mj_step(twin.model, data)
+        begin = float(data.qpos[place])
+        for _ in range(1000):
+            mujoco.mj_step(twin.model, data)
+        crept.append(float(data.qpos[place]) - begin)
+    assert crept[0] > 1e-4  # it does creep
+    assert crept[1] == pytest.approx(crept[0], rel=0.1)

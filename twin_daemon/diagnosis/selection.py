@@ -163,10 +163,10 @@ def _weighed(
     prior, found = part.base.prior_cost, {}
     for first in first_fits:
         price = part.price(first.problem)
-        if part.within_floor:
+        evidence = 0.5 * (screening.cost - first.cost) - price
+        # what is not worth its parameters is not there, whatever the priors say of the little that it has moved
+        if part.within_floor and evidence > 0.0:
             evidence = weight(screening.cost, first.cost, prior, first.prior_cost, price, bar)
-        else:
-            evidence = 0.5 * (screening.cost - first.cost) - price
         found[first.hypothesis.name] = evidence
     return found | {_named(fit): weight_of(part, fit, bar) for fit in fits}
 

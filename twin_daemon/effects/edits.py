@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import mujoco
@@ -89,3 +89,26 @@ def add_passive_motor(spec: Any, name: str, kind: Any, target: str | None) -> An
 def stable_stiffness(spec: Any, place: Place) -> float:
     """The stiffest spring in N m/rad at a joint that an explicit step bears with a margin, from its armature."""
     return 0.8 * max(float(spec.joint(place.joint).armature), 2e-5) / float(spec.option.timestep) ** 2
+
+
+def keep_softness(spec: Any, before: mujoco.MjModel, joints: Iterable[str], tendons: Iterable[str]) -> None:
+    """Leaves the friction and the limits of joints and tendons as soft as they were in the model `before`.
+
+    MuJoCo scales softness by the inertia at rest, which an edit of what a joint carries has changed. Friction creeps
+    and a limit gives way by it.
+    """
+    after = spec.compile()
+    for name in joints:
+        weights = [float(m.dof_invweight0[m.jnt_dofadr[m.joint(name).id]]) for m in (after, before)]
+        joint = spec.joint(name)
+        joint.solimp_friction[0] = _stiffer(joint.solimp_friction[0], *weights)
+        joint.solimp_limit[:2] = [_stiffer(value, *weights) for value in joint.solimp_limit[:2]]
+    for name in tendons:
+        weights = [float(m.tendon_invweight0[m.tendon(name).id]) for m in (after, before)]
+        tendon = spec.tendon(name)
+        tendon.solimp_friction[0] = _stiffer(tendon.solimp_friction[0], *weights)
+
+
+def _stiffer(impedance: float, after: float, before: float) -> float:
+    """The impedance d for which (1 - d) / d is smaller by as much as an inverse inertia has grown."""
+    return float(1.0 / (1.0 + (1.0 - impedance) / impedance * before / after))

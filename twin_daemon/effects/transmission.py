@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 
 from twin_daemon.effects.base import Parameter, Place, link_tendon, motor_joint
-from twin_daemon.effects.edits import linear
+from twin_daemon.effects.edits import keep_softness, linear
 
 _SMALLEST = 1e-6  # kg m2: a motor with less would not be a body to MuJoCo
 
@@ -74,7 +74,7 @@ def motor_side(spec: Any, place: Place, share: float) -> Link:
         tendon.wrap_joint(n, -coefficient)
     actuator.trntype = mujoco.mjtTrn.mjTRN_JOINT
     actuator.target = joint.name
-    _keep_softness(spec, place, before)
+    keep_softness(spec, before, place.driven, () if place.tendon is None else (place.tendon,))
     return Link(name, made=True)
 
 
@@ -135,25 +135,6 @@ def implicit_step(h: float, inverse_inertia: float, stiffness: float, damping: f
     impedance = np.clip(1.0 / (1.0 + 1.0 / (h * c * inverse_inertia)), 1e-4, 0.9999)
     solref = -impedance * np.array([stiffness / (h * c), 1.0 / h])
     return solref, np.array([impedance, impedance, 0.001, 0.5, 2.0])
-
-
-def _keep_softness(spec: Any, place: Place, before: Any) -> None:
-    """Undoes what a lighter joint does to its own friction and limits, whose softness MuJoCo scales by inertia."""
-    after = spec.compile()
-    for name in place.driven:
-        joint, dof = spec.joint(name), _dof(after, name)
-        ratio = after.dof_invweight0[dof] / before.dof_invweight0[_dof(before, name)]
-        joint.solimp_friction[0] = _stiffer(joint.solimp_friction[0], ratio)
-        joint.solimp_limit[:2] = [_stiffer(value, ratio) for value in joint.solimp_limit[:2]]
-    if place.tendon is not None:
-        tendon = spec.tendon(place.tendon)
-        weight = [model.tendon_invweight0[model.tendon(place.tendon).id] for model in (after, before)]
-        tendon.solimp_friction[0] = _stiffer(tendon.solimp_friction[0], weight[0] / weight[1])
-
-
-def _stiffer(impedance: float, ratio: float) -> float:
-    """The impedance d for which (1 - d) / d is `ratio` times smaller."""
-    return float(1.0 / (1.0 + (1.0 - impedance) / impedance / ratio))
 
 
 def _dof(model: Any, joint: str) -> int:

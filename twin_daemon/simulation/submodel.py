@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
+from twin_daemon.effects.edits import keep_softness
 from twin_daemon.hand.description import Hand
 from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel, driven_joints, make_inertia_explicit
@@ -136,7 +137,9 @@ def submodel(twin: TwinModel, keep: tuple[str, ...], position: np.ndarray, *, co
             _weld(spec, joints[name], angle)
     if not contacts:
         _strip(spec, twin.base_model)
-        spec.compiler.fusestatic = True
+    # before static bodies are fused: a spec that has been fused loses its last bit when it is written
+    keep_softness(spec, twin.changed(Terms()).model, sorted(kept), [tendon.name for tendon in spec.tendons])
+    spec.compiler.fusestatic = spec.compiler.fusestatic or not contacts
     description = twin.hand.description
     smaller = description.model_copy(update={"joints": {n: description.joints[n] for n in twin.joints if n in keep}})
     reduced = TwinModel(Hand(smaller, twin.hand.model_path), spec, Terms())
