@@ -96,3 +96,19 @@ def test_friction_creeps_in_a_part_as_in_the_whole(tmp_path: Path) -> None:
         crept.append(float(data.qpos[place]) - begin)
     assert crept[0] > 1e-4  # it does creep
     assert crept[1] == pytest.approx(crept[0], rel=0.1)
+
+
+def test_a_tendon_without_a_name_goes_along(tmp_path: Path) -> None:
+    link = (
+        '<body pos="0.2 0 0"><joint name="{0}" axis="0 1 0"/><geom size="0.02" mass="0.1" contype="0" conaffinity="0"/>'
+    )
+    names = ("base", "middle", "tip")
+    servos = "".join(f'<position name="{name}" joint="{name}" kp="5"/>' for name in names)
+    path = tmp_path / "tied.xml"
+    path.write_text(
+        f'<mujoco model="tied"><worldbody>{"".join(map(link.format, names))}{"</body>" * 3}</worldbody><tendon>'
+        '<fixed stiffness="1"><joint joint="middle" coef="1"/><joint joint="tip" coef="-1"/></fixed></tendon>'
+        f"<actuator>{servos}</actuator></mujoco>"
+    )
+    whole = TwinModel.load(load_hand(model=path))
+    assert submodel(whole, ("middle", "tip"), np.zeros(3)).model.ntendon == 1

@@ -138,7 +138,7 @@ def submodel(twin: TwinModel, keep: tuple[str, ...], position: np.ndarray, *, co
     if not contacts:
         _strip(spec, twin.base_model)
     # before static bodies are fused: a spec that has been fused loses its last bit when it is written
-    keep_softness(spec, twin.changed(Terms()).model, sorted(kept), [tendon.name for tendon in spec.tendons])
+    keep_softness(spec, twin.nominal_model, sorted(kept), [tendon.name for tendon in spec.tendons])
     spec.compiler.fusestatic = spec.compiler.fusestatic or not contacts
     description = twin.hand.description
     smaller = description.model_copy(update={"joints": {n: description.joints[n] for n in twin.joints if n in keep}})

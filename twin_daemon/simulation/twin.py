@@ -106,6 +106,11 @@ class TwinModel:
         lengths = {tendon.name: np.array(tendon.springlength) for tendon in self.nominal.tendons}
         return _rebuilt, (self.hand, text, bool(self.nominal.compiler.fusestatic), lengths, self.terms)
 
+    @property
+    def nominal_model(self) -> mujoco.MjModel:
+        """The compiled model without any terms."""
+        return self._compiled[1]
+
     def changed(self, terms: Terms) -> TwinModel:
         """Another twin of the same hand: the same nominal model with other terms."""
         return TwinModel(self.hand, self.nominal, terms, self._compiled)
@@ -247,8 +252,7 @@ class TwinModel:
             if element is None:
                 raise BadInput(f"'{target}' has no {kind.element}, so no '{key}'")
         found = getattr(self.base_model, kind.element)(element).id
-        nominal = self._compiled[1]
-        return ParameterRef(name, kind, element, found, kind.limits(kind.read(nominal, found)))
+        return ParameterRef(name, kind, element, found, kind.limits(kind.read(self.nominal_model, found)))
 
     def _edit_parameters(self, parameters: Mapping[str, float]) -> None:
         order = list(KINDS)
@@ -358,25 +362,26 @@ def _copied_and_compiled(nominal: Any) -> tuple[Any, mujoco.MjModel]:
 
 
 def _prepare(spec: Any) -> None:
-    """What a twin needs of any model: bodies with names, and steps that take damping and friction implicitly.
+    """What a twin needs of any model: names of bodies and tendons, and steps that take damping and friction implicitly.
 
     MuJoCo's Runge-Kutta takes all of them explicitly: at a usual step dry friction, play or an elastic tendon then runs
     away. What the change costs is an error of the time step like any other's (`Posterior.step_errors`).
     """
-    _name_bodies(spec)
+    _name(spec.bodies, "body")
+    _name(spec.tendons, "tendon")
     if spec.option.integrator == mujoco.mjtIntegrator.mjINT_RK4:
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
 
 
-def _name_bodies(spec: Any) -> None:
-    """Gives bodies that their author left without a name one: masses, loads and parts are told by it."""
-    taken = {body.name for body in spec.bodies}
-    for index, body in enumerate(spec.bodies):
-        if not body.name:
-            name = f"body_{index}"
+def _name(elements: Sequence[Any], kind: str) -> None:
+    """Gives elements that their author left without a name one: masses, loads and parts are told by it."""
+    taken = {element.name for element in elements}
+    for index, element in enumerate(elements):
+        if not element.name:
+            name = f"{kind}_{index}"
             while name in taken:
                 name += "_"
-            body.name = name
+            element.name = name
             taken.add(name)
 
 
