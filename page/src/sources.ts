@@ -2,6 +2,7 @@
 import { facts, works } from "./api";
 import { hear, known, refreshRecordings } from "./data";
 import { drawn, icon, made, milli, put, short, size } from "./dom";
+import { type Entry, fill } from "./list";
 import { now, worstFirst } from "./live";
 import { live, on, select, selection } from "./state";
 import { progress, zone } from "./upload";
@@ -19,14 +20,13 @@ export const aside = made("aside", { id: "sidebar", "aria-label": "Sources and j
 function sources(): void {
   const wanted = search.value.trim().toLowerCase(), path = (one: { folder: string; name: string }) => `${one.folder}/${one.name}`.toLowerCase();
   const found = known.recordings.filter((one) => path(one).includes(wanted));
-  const item = (id: string, name: string, right: string, dot: string, title: string) => {
-    const button = made("button", { type: "button", "data-source": id, title, "aria-pressed": String(selection.source === id) }, made("span", { className: `lamp ${dot}` }), made("span", { className: "name" }, name), made("span", { className: "right" }, right));
-    button.addEventListener("click", () => select({ source: id, ...(id === "live" ? { step: "data" } : selection.step === "data" || live() ? { step: "data" } : {}) }));
-    return made("li", {}, button);
-  };
+  const item = (id: string, name: string, right: string, dot: string, title: string): Entry => ({
+    id, title, pressed: selection.source === id, words: [made("span", { className: `lamp ${dot}` }), made("span", { className: "name" }, name), made("span", { className: "right" }, right)],
+  });
   const rate = now.about?.rate_hz;
-  list.replaceChildren(item("live", "live", rate ? `${rate.toFixed(0)} Hz` : "no data", rate ? "good" : "", "The live hand"),
-    ...found.map((one) => item(one.id, one.name, size(one.bytes), selection.source === one.id && known.opened ? "good" : "", `${one.folder}/${one.name}, ${new Date(1e3 * one.modified_s).toLocaleString()}`)));
+  fill(list, "data-source", [item("live", "live", rate ? `${rate.toFixed(0)} Hz` : "no data", rate ? "good" : "", "The live hand"),
+    ...found.map((one) => item(one.id, one.name, size(one.bytes), selection.source === one.id && known.opened ? "good" : "", `${one.folder}/${one.name}, ${new Date(1e3 * one.modified_s).toLocaleString()}`))],
+  (id) => select({ source: id, ...(id === "live" || selection.step === "data" || live() ? { step: "data" } : {}) }));
   const folders = [...new Set(known.recordings.map((one) => one.folder))];
   put(told, !known.recordings.length ? "No recording yet: drop one, or keep the last minutes."
     : !found.length ? `Nothing of that name. Only recordings named at the start, or in its folders, are offered${folders.length ? `: ${folders.slice(0, 2).join(", ")}` : ""}.` : "");
@@ -69,16 +69,11 @@ function showJoints(): void {
   requestAnimationFrame(() => {
     due = false;
     if (joints.contains(document.activeElement) && joints.matches(":hover")) return; // nothing moves under a pointer
-    const focused = (document.activeElement as HTMLElement | null)?.dataset.joint, wanted = joint.value.trim().toLowerCase(), all = ranked();
-    const most = Math.max(...all.map((one) => one.rms ?? 0));
-    joints.replaceChildren(...all.filter((one) => one.name.toLowerCase().includes(wanted)).map((one) => {
-      const bad = one.rms !== null && one.rms === most && one.rms > 2e-3;
-      const button = made("button", { type: "button", "data-joint": one.name, "aria-pressed": String(selection.joint === one.name), className: bad ? "bad" : "", title: one.name },
-        made("span", { className: "name" }, short(one.name)), one.spark.length ? spark(one.spark) : made("span"), made("span", { className: "right" }, one.rms === null ? (live() ? "unknown" : "still") : milli(one.rms, 2)));
-      button.addEventListener("click", (event) => select(event.shiftKey || event.ctrlKey ? { pinned: [...new Set([...selection.pinned, one.name])] } : { joint: one.name }));
-      return made("li", {}, button);
-    }));
-    if (focused) (joints.querySelector(`[data-joint="${CSS.escape(focused)}"]`) as HTMLElement | null)?.focus({ preventScroll: true });
+    const wanted = joint.value.trim().toLowerCase(), all = ranked(), most = Math.max(...all.map((one) => one.rms ?? 0));
+    fill(joints, "data-joint", all.filter((one) => one.name.toLowerCase().includes(wanted)).map((one) => ({
+      id: one.name, title: one.name, pressed: selection.joint === one.name, className: one.rms !== null && one.rms === most && one.rms > 2e-3 ? "bad" : "",
+      words: [made("span", { className: "name" }, short(one.name)), one.spark.length ? spark(one.spark) : made("span"), made("span", { className: "right" }, one.rms === null ? (live() ? "unknown" : "still") : milli(one.rms, 2))],
+    })), (name, event) => select(event.shiftKey || event.ctrlKey ? { pinned: [...new Set([...selection.pinned, name])] } : { joint: name }));
   });
 }
 

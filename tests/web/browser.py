@@ -130,8 +130,9 @@ class ChromiumTab(Tab):
     def write(self, text: str) -> None:
         self.call("Input.insertText", text=text)
 
-    def press_at(self, x: float, y: float) -> None:
+    def press_at(self, x: float, y: float, held_s: float = 0.0) -> None:
         for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
+            time.sleep(held_s if kind == "mouseReleased" else 0.0)
             self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
     def keep_choosers_closed(self) -> None:

@@ -166,9 +166,10 @@ class FirefoxTab(Tab):
         for letter in text:
             self.key(letter)
 
-    def press_at(self, x: float, y: float) -> None:
+    def press_at(self, x: float, y: float, held_s: float = 0.0) -> None:
         move = {"type": "pointerMove", "x": round(x), "y": round(y)}
-        self._act("pointer", [move, {"type": "pointerDown", "button": 0}, {"type": "pointerUp", "button": 0}])
+        held = {"type": "pause", "duration": round(1e3 * held_s)}
+        self._act("pointer", [move, {"type": "pointerDown", "button": 0}, held, {"type": "pointerUp", "button": 0}])
 
     def choose_file(self, path: Path) -> None:
         chooser = "document.querySelector('input[type=file]')"

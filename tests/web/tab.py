@@ -77,8 +77,8 @@ class Tab(ABC):
         """Types a text where the focus is."""
 
     @abstractmethod
-    def press_at(self, x: float, y: float) -> None:
-        """A click of the pointer at a point of the page (CSS pixels)."""
+    def press_at(self, x: float, y: float, held_s: float = 0.0) -> None:
+        """A click of the pointer at a point of the page (CSS pixels), its button down for so long."""
 
     @abstractmethod
     def choose_file(self, path: Path) -> None:
@@ -118,6 +118,7 @@ class Tab(ABC):
         self.until(f"{found} && !{found}.disabled")
         self.run(f"{found}.click()")
 
-    def press(self, selector: str, timeout_s: float = 20.0) -> None:
+    def press(self, selector: str, timeout_s: float = 20.0, held_s: float = 0.0) -> None:
         """A pointer's click on what is on the screen, can be reached there and is not disabled."""
-        self.press_at(*self.until(f"{_REACHED}(document.querySelector({json.dumps(selector)}))", timeout_s))
+        place = self.until(f"{_REACHED}(document.querySelector({json.dumps(selector)}))", timeout_s)
+        self.press_at(*place, held_s)

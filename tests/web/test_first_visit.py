@@ -80,7 +80,7 @@ def test_firefox_shows_a_recording_as_chromium_does(workbench: Any, fox: Firefox
     bag = loose_finger(tmp_path / "loose_finger.mcap")
     tab = fox.open(workbench("--recording", str(bag)).page)
     tab.until(mark("ready"), 60.0)
-    tab.press("[data-source]:not([data-source=live])")
+    tab.press("[data-source]:not([data-source=live])", held_s=1.5)  # the list is drawn anew every second
     tab.until(mark("judged"), 60.0)
     tab.until(f"document.querySelector('.chart').dataset.joint === '{JOINT}'")
     tab.until("document.querySelectorAll('.chart canvas').length === 2")
