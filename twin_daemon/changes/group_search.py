@@ -29,7 +29,7 @@ from twin_daemon.changes.thresholds import (
 )
 from twin_daemon.estimation.nuisances import nuisance_variables
 from twin_daemon.estimation.partition import Reduced
-from twin_daemon.estimation.posterior import floor_and_corrections
+from twin_daemon.estimation.posterior import Correction, floor_and_corrections
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
 
@@ -99,7 +99,7 @@ def search_group(
     return found
 
 
-def _floor(twin: TwinModel, pieces: Sequence[Aligned], joints: Sequence[str]) -> tuple[np.ndarray, list[np.ndarray]]:
+def _floor(twin: TwinModel, pieces: Sequence[Aligned], joints: Sequence[str]) -> tuple[np.ndarray, list[Correction]]:
     return floor_and_corrections(twin, pieces, nuisance_variables(twin, pieces, joints), joints)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from twin_daemon.changes.quantities import Quantity
 from twin_daemon.changes.thresholds import EFFECT_STEP, ONSET_STEP_S, PARAMETER_STEP
 from twin_daemon.estimation.nuisances import nuisance_variables
-from twin_daemon.estimation.posterior import Posterior, correlation_s
+from twin_daemon.estimation.posterior import Correction, Posterior, correlation_s
 from twin_daemon.estimation.thresholds import LEAST_CORRELATION_S, NUISANCE_REACH
 from twin_daemon.estimation.uncertainty import correlation_time
 from twin_daemon.estimation.variables import OnsetVariable, ParameterVariable, Variable
@@ -31,7 +31,7 @@ class Session:
     joints: tuple[str, ...]
     quantities: tuple[Quantity, ...]
     floor: np.ndarray
-    corrections: Sequence[np.ndarray]
+    corrections: Sequence[Correction]
     active: frozenset[int] = frozenset()
     columns: dict[int, np.ndarray] = field(default_factory=dict)
     weights: np.ndarray = field(init=False)

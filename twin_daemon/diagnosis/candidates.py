@@ -47,8 +47,8 @@ class Hypothesis:
         complete = self.effect.complete(start)
         variables = []
         for p in self.effect.parameters:
-            if p.name == self.effect.everywhere:
-                continue  # at one joint it says what another parameter says
+            if p.fixed or p.name == self.effect.everywhere:
+                continue  # at one joint the latter says what another parameter says
             lower, upper = self._box(p)
             if p.held:
                 lower = max(lower, complete[p.name] / COUNTED_NEARBY)
@@ -73,7 +73,7 @@ class Hypothesis:
         values = {}
         for p in self.effect.parameters:
             far = start[p.name]
-            moved = far if p.log or p.held else p.neutral + amount * (far - p.neutral)
+            moved = far if p.log or p.held or p.fixed else p.neutral + amount * (far - p.neutral)
             values[p.name] = moved
         return self.clipped(values)
 

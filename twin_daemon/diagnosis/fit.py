@@ -42,7 +42,8 @@ class Fit:
     @property
     def prior_cost(self) -> float:
         """What of the cost is said by the priors of uncertain values, not by the data."""
-        return self.cost - self.chi_square * self.problem.effective_samples
+        priors = self.problem.prior_residuals(self.point[None])[0]
+        return float(priors @ priors)
 
     @property
     def values(self) -> dict[str, float]:
@@ -105,10 +106,10 @@ class Fit:
 
 def as_fit(hypothesis: Hypothesis | None, problem: Posterior, found: Descent) -> Fit:
     """A descent's end as a fit."""
-    cost = float(found.rows @ found.rows)
+    left = float(found.rows @ found.rows)
     priors = problem.prior_residuals(found.point[None])[0]
-    chi_square = (cost - float(priors @ priors)) / problem.effective_samples
-    return Fit(hypothesis, problem, found.point, cost, chi_square, found.slopes)
+    chi_square = (left - float(priors @ priors)) / problem.effective_samples
+    return Fit(hypothesis, problem, found.point, left + problem.uncertainty_cost, chi_square, found.slopes)
 
 
 @dataclass(frozen=True)
@@ -195,7 +196,7 @@ def _does_as_well_without(fit: Fit) -> bool:
             nothing = variable.coordinate(neutral[variable.parameter])
             point[index] = nothing + NEXT_TO_NOTHING * (point[index] - nothing)
     rows = fit.problem.residuals(point[None])[0]
-    return float(rows @ rows) - fit.cost < 2.0 * DECISIVE_NATS
+    return float(rows @ rows) + fit.problem.uncertainty_cost - fit.cost < 2.0 * DECISIVE_NATS
 
 
 def is_idle(fit: Fit) -> bool:

@@ -32,7 +32,7 @@ from twin_daemon.diagnosis.thresholds import (
 from twin_daemon.diagnosis.verdict import MovedParameter
 from twin_daemon.estimation.floor import floor_variance
 from twin_daemon.estimation.nuisances import beside, carried_over, nuisance_variables
-from twin_daemon.estimation.posterior import Posterior, floor_and_corrections, tolerated
+from twin_daemon.estimation.posterior import Correction, Posterior, floor_and_corrections, tolerated
 from twin_daemon.estimation.solvers.trust_region import Derivative, Descent, descend, differenced, searched
 from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
 from twin_daemon.estimation.uncertainty import conditional_information
@@ -88,8 +88,8 @@ class PartFit:
 
     # -- nuisances -----------------------------------------------------------------------------------------
 
-    def _measured_by(self, floor: np.ndarray, corrections: Sequence[np.ndarray]) -> None:
-        """The problem of the nuisances with a floor (k,) rad^2 and the time step's error (n, k) rad a recording."""
+    def _measured_by(self, floor: np.ndarray, corrections: Sequence[Correction]) -> None:
+        """The problem of the nuisances with a floor (k,) rad^2 and what roll-outs get wrong."""
         self.floor, self.corrections = floor, corrections
         self.problem = Posterior(
             self.twin,
@@ -115,7 +115,7 @@ class PartFit:
             found = self._settled(problem.start, None)
             if not self._is_within_floor(found.point, found.rows):
                 # the time step's error is another one where the nuisances have come to
-                self.corrections = problem.step_errors(found.point)
+                self.corrections = problem.corrections_at(found.point)
                 self.problem = problem = problem.corrected(self.corrections)
                 found = self._settled(found.point, None)
             if not self._is_within_floor(found.point, found.rows):
@@ -363,7 +363,7 @@ class PartFit:
 
     def _descended(self, hypothesis: Hypothesis, problem: Posterior, point: np.ndarray, evaluations: int) -> Fit:
         for _ in range(2):
-            problem = problem.corrected(problem.step_errors(point))
+            problem = problem.corrected(problem.corrections_at(point))
             found = descend(problem, point, Derivative(problem, own_columns(problem)), evaluations=evaluations)
             point = found.point
             if found.rows @ found.rows > GONE_FAR * found.began:
@@ -427,13 +427,13 @@ class PartFit:
             point = _adjusted(problem, point, conditional_information(fit.slopes, kept) / max(1.0, fit.chi_square))
         problem = Posterior(fit.problem.twin, moved, variables, self.joints, self.floor)
         if not (self.plainly_sound and (problem.times_floor(point) <= CLOSER_LOOK).all()):
-            problem = problem.corrected(problem.step_errors(point))
+            problem = problem.corrected(problem.corrections_at(point))
         return [rows[0] for rows in problem.joint_residuals(point[None])]
 
 
 def _adjusted(problem: Posterior, point: np.ndarray, information: np.ndarray) -> np.ndarray:
     """(p,) a point after one step on a problem, held back by what is known of it already: its information (p, p)."""
-    problem = problem.corrected(problem.step_errors(point))
+    problem = problem.corrected(problem.corrections_at(point))
     data = -len(problem.prior_slopes()) or None  # the priors are in what is known already
     rows = problem.residuals(point[None])[0]
     slopes = differenced(problem, point, rows, range(len(point)))[:data]

@@ -247,14 +247,18 @@ class Screening:
         gap are an order of magnitude stiffer than anything in the model without it.
         """
         problem, begun = self._screened_of(entered.problem), entered.rows
+        usual = problem.uncertainty_cost
         if settled:
-            problem, begun = problem.corrected(problem.step_errors(entered.point)), None
+            problem, begun = problem.corrected(problem.corrections_at(entered.point)), None
         derivative = Derivative(problem, own_columns(problem), entered.slopes)
         found = descend(problem, entered.point, derivative, evaluations=evaluations, begun=begun)
-        rows = found.rows
+        rows, uncertain = found.rows, problem.uncertainty_cost
         if settled:
-            rows = problem.corrected(problem.step_errors(found.point)).residuals(found.point[None])[0]
-        return FirstFit(entered.start, entered.problem, found.point, float(rows @ rows), rows, found.slopes)
+            judged = problem.corrected(problem.corrections_at(found.point))
+            rows, uncertain = judged.residuals(found.point[None])[0], judged.uncertainty_cost
+        # as all costs here, without what the part's own roll-outs are uncertain of
+        cost = float(rows @ rows) + uncertain - usual
+        return FirstFit(entered.start, entered.problem, found.point, cost, rows, found.slopes)
 
     def _screened_of(self, whole: Posterior) -> Posterior:
         variables = over_some(whole.variables, self._part.recordings, self._screened)

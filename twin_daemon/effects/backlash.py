@@ -10,6 +10,7 @@ import numpy as np
 
 from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Seen, Story
 from twin_daemon.effects.edits import servo_stiffness
+from twin_daemon.effects.silence import brakes_itself, separate_derivative, silent_within
 from twin_daemon.effects.transmission import MOTOR_SHARE, implicit_spring, motor_side
 
 _STIFF = 1000.0  # the ends of the gap over the servo
@@ -22,6 +23,10 @@ class Backlash(Effect):
     """A motor of its own, and a limited tendon `motor - joint`: free within the gap, stiff at its ends.
 
     The ends are a thousand times as stiff as the servo, or as stiff as the tendon where that is elastic, too.
+
+    In models of arms a derivative gain often stands for what brakes the joint as well. Where that acts on the joint
+    itself (`braked`), the motor is taken to weigh nothing: then it is in place at once, and within the gap the servo
+    only brakes.
     """
 
     key = "backlash"
@@ -33,6 +38,16 @@ class Backlash(Effect):
     parameters = (
         Parameter("gap", "rad", 0.0, 1.0, 0.0, 0.06, "angle that the motor turns at a reversal for nothing"),
         MOTOR_SHARE,
+        Parameter(
+            "braked",
+            "1",
+            0.0,
+            1.0,
+            0.0,
+            0.0,
+            "1 where the servo's derivative gain acts on the joint itself",
+            fixed=True,
+        ),
     )
     story = Story(
         what="At a reversal the motor turns through a gap before it takes the joint along.",
@@ -44,6 +59,10 @@ class Backlash(Effect):
     confusable = ("coulomb_friction", "hysteresis", "tendon_elasticity", "sensor_offset")
 
     def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:
+        if values["braked"] > 0.5 and brakes_itself(spec, place):
+            separate_derivative(spec, place)
+            silent_within(spec, place, 0.5 * values["gap"])
+            return
         link = motor_side(spec, place, values["motor_share"])
         tie = spec.equality(link.tendon)
         if tie is None:
@@ -63,7 +82,7 @@ class Backlash(Effect):
         tendon.solref_limit, tendon.solimp_limit = solref, solimp
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
-        return tuple({"gap": gap, "motor_share": 0.2} for gap in (0.02, 0.06, 0.2))
+        return tuple({"gap": gap, "motor_share": 0.2, **law} for law in _laws(scale) for gap in (0.02, 0.06, 0.2))
 
     def suggested(self, scale: Scale, seen: Seen) -> tuple[dict[str, float], ...]:
         """Gaps of the size of the error: at rest a joint lies up to half of its play to either side."""
@@ -71,4 +90,10 @@ class Backlash(Effect):
         size = float(high - low)
         if size <= 0.0:
             return ()
-        return tuple({"gap": share * size, "motor_share": part} for share in (0.7, 2.0) for part in (0.05, 0.3))
+        sizes = [(share * size, part) for share in (0.7, 2.0) for part in (0.05, 0.3)]
+        return tuple({"gap": gap, "motor_share": part, **law} for law in _laws(scale) for gap, part in sizes)
+
+
+def _laws(scale: Scale) -> list[dict[str, float]]:
+    """What a derivative gain may act on: the motor, or the joint itself."""
+    return [{"braked": float(joint)} for joint in range(2 if scale.kv > 0.0 else 1)]

@@ -189,6 +189,7 @@ class Parameter:
 
     `lower` and `upper` are its bounds on a small robot; with `reach` they are wider where the robot is stronger.
     `held` says that fits stay near where it is set: it counts something, and an error has many hollows over it.
+    `fixed` says that fits leave it as it is set: it says which of several laws it is.
     """
 
     name: str
@@ -200,6 +201,7 @@ class Parameter:
     meaning: str
     log: bool = False
     held: bool = False
+    fixed: bool = False
     reach: Reach | None = None
 
     def bounds(self, scale: Scale) -> tuple[float, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from twin_daemon.estimation.thresholds import (
     FLOOR_CHI_SQUARE,
     LEAST_CORRELATION_S,
     OFFSET_FLOORS,
+    REACTION_ERROR,
 )
 from twin_daemon.estimation.variables import ParameterVariable, Variable
 from twin_daemon.simulation.alignment import Aligned
@@ -25,6 +27,19 @@ def correlation_s(twin: TwinModel, joints: Sequence[str]) -> float:
     """Over this time the residual of a right model repeats itself: as long as the joints' servos take to follow."""
     times = [response_time_s(twin, joint) for joint in joints]
     return float(max(np.median(times), LEAST_CORRELATION_S)) if times else LEAST_CORRELATION_S
+
+
+@dataclass(frozen=True)
+class Correction:
+    """What a roll-out itself gets wrong of a recording: an `error` (n, k) rad, which is taken out of the residuals, and
+    a `variance` (n, k) rad^2 beside the floor, of what is known of that error no better."""
+
+    error: np.ndarray
+    variance: np.ndarray
+
+    def weight(self, floor: np.ndarray) -> np.ndarray:
+        """(n, k) what a residual counts, one that has no more than the floor (k,) rad^2 counting 1."""
+        return np.sqrt(floor / (floor + self.variance))
 
 
 class Posterior(Problem):
@@ -43,11 +58,12 @@ class Posterior(Problem):
         floor: np.ndarray,
         *,
         offset_held: Collection[str] = (),
-        corrections: Sequence[np.ndarray] | None = None,
+        corrections: Sequence[Correction] | None = None,
         threads: int | None = 1,
     ) -> None:
         super().__init__(twin, recordings, variables, objective, threads=threads)
-        self.corrections: Sequence[np.ndarray] = list(corrections or ())
+        self.corrections: Sequence[Correction] = list(corrections or ())
+        self._counts = [one.weight(floor) for one in self.corrections]
         self._boxes = np.array([v.low for v in variables]), np.array([v.high - v.low for v in variables])
         believed = [v for v in variables if v.prior is not None]
         self._priors = np.array([[_counts(v, other) for other in variables] for v in believed], float)
@@ -66,11 +82,14 @@ class Posterior(Problem):
         return recording.controls(self.twin, grid, onset_s, mean_over_s=float(self.twin.model.opt.timestep))
 
     def joint_residuals(self, points: np.ndarray) -> list[np.ndarray]:
-        """Measured minus predicted (B, n, k) rad, less the nominal model's time-step error and what starts may do."""
+        """Measured minus predicted (B, n, k) rad, less what the roll-out itself gets wrong and what starts may do.
+
+        Where that error is known no better than to more than the floor, less of a residual counts.
+        """
         residuals = super().joint_residuals(points)
         if self.corrections:
-            zipped = zip(residuals, self.corrections, self._known, strict=True)
-            residuals = [r - np.where(known, c, 0.0)[None] for r, c, known in zipped]
+            zipped = zip(residuals, self.corrections, self._counts, self._known, strict=True)
+            residuals = [(r - np.where(known, c.error, 0.0)[None]) * counts for r, c, counts, known in zipped]
         both = zip(residuals, self._started, strict=True)
         return [r if started is None else started(r) for r, started in both]
 
@@ -80,7 +99,16 @@ class Posterior(Problem):
         if response is None:
             return None
         seen = np.where(self._known[index][None], response[:, :, self._columns], 0.0)
+        if self.corrections:
+            seen = seen * self._counts[index]
         return Whitening(seen, np.sqrt(self.floor * self._tau[index]))
+
+    @property
+    def uncertainty_cost(self) -> float:
+        """What it costs (-2 log posterior) that samples are uncertain beyond the floor: a law that does not say is free
+        of being wrong there, not of having said nothing."""
+        counted = zip(self._counts, self._known, self._tau, strict=True) if self._counts else ()
+        return float(sum((-2.0 * np.log(counts) * known).sum() / tau for counts, known, tau in counted))
 
     @property
     def correlation(self) -> float:
@@ -134,14 +162,14 @@ class Posterior(Problem):
             joint: float(s) for joint, s, free in zip(self.objective, sigmas, self._free_offset, strict=True) if free
         }
 
-    def corrected(self, corrections: Sequence[np.ndarray]) -> Posterior:
+    def corrected(self, corrections: Sequence[Correction]) -> Posterior:
         """The same problem with other corrections."""
         other = self.over(self.recordings, self.variables, corrections)
         other._last = self._last
         return other
 
     def over(
-        self, recordings: Sequence[Aligned], variables: Sequence[Variable], corrections: Sequence[np.ndarray]
+        self, recordings: Sequence[Aligned], variables: Sequence[Variable], corrections: Sequence[Correction]
     ) -> Posterior:
         """The same problem over other recordings."""
         return Posterior(
@@ -169,17 +197,28 @@ class Posterior(Problem):
         names = [v.name for v in self.variables if v.prior is not None]
         return dict(zip(names, map(float, self.prior_residuals(point[None])[0]), strict=True))
 
-    def step_errors(self, point: np.ndarray) -> list[np.ndarray]:
-        """(n, k) rad a recording: how a point (p,) moves without a time step, less how it moves at its own.
+    def corrections_at(self, point: np.ndarray) -> list[Correction]:
+        """What the roll-out of a point (p,) gets wrong of each recording.
 
-        Candidates are tried at the model's own step, which is off by more than the sensors' noise where steps are
-        commanded. To first order the error is the same nearby, so it is computed once and taken out (`corrections`).
-        MuJoCo's integrators are of first order: a quarter of the step leaves a third of what it takes away.
+        The error is how it moves without a time step, less how it moves at its own. Candidates are tried at the model's
+        own step, which is off by more than the sensors' noise where steps are commanded. To first order the error is
+        the same nearby, so it is computed once and taken out (`corrections`). MuJoCo's integrators are of first order:
+        a quarter of the step leaves a third of what it takes away.
+
+        The variance is of what neighbours do to a part, which is read off their measured motion. A servo within its
+        limits hardly lets it show; one at its limit, or a joint that is about to slip, lets it grow.
         """
         own = self.predict(point[None])
         at_quarter = self.at_finer_step(FINER_STEPS, point)
         whole = 1.0 + 1.0 / (FINER_STEPS - 1.0)
-        return [whole * (fine - coarse[0]) for fine, coarse in zip(at_quarter, own, strict=True)]
+        errors = [whole * (fine - coarse[0]) for fine, coarse in zip(at_quarter, own, strict=True)]
+        if all(recording.reaction is None for recording in self.recordings):
+            return [Correction(error, np.zeros_like(error)) for error in errors]
+        stronger = Posterior(
+            self.twin, [_stronger(one) for one in self.recordings], self.variables, self.objective, self.floor
+        ).predict(point[None])
+        changes = [there[0] - here[0] for there, here in zip(stronger, own, strict=True)]
+        return [Correction(error, change**2) for error, change in zip(errors, changes, strict=True)]
 
     def at_finer_step(self, steps: float, point: np.ndarray) -> list[np.ndarray]:
         """(n, k) rad a recording: how a point (p,) moves at so many time steps in one."""
@@ -190,8 +229,8 @@ class Posterior(Problem):
 
 def floor_and_corrections(
     twin: TwinModel, recordings: Sequence[Aligned], variables: Sequence[Variable], joints: Sequence[str]
-) -> tuple[np.ndarray, list[np.ndarray]]:
-    """((k,) rad^2, (n, k) rad a recording): the floor with what is left of the time step's error, and that error.
+) -> tuple[np.ndarray, list[Correction]]:
+    """((k,) rad^2, by recording): the floor with what is left of the time step's error, and that error.
 
     What is left is of second order: half a step should take away two thirds of what a quarter does, and what it takes
     beside that, twice, is what the extrapolation gets wrong (Richardson 1911).
@@ -200,11 +239,17 @@ def floor_and_corrections(
     nominal = Posterior(twin, recordings, variables, joints, floor)
     point = nominal.start
     own = nominal.predict(point[None])
-    errors = nominal.step_errors(point)
+    corrections = nominal.corrections_at(point)
     half = nominal.at_finer_step(2.0, point)
-    each = zip(errors, half, own, strict=True)
-    beside = [2.0 * (0.5 * error - (at_half - at_own[0])) for error, at_half, at_own in each]
-    return tolerated(twin, floor + np.mean([one.var(axis=0) for one in beside], axis=0)), errors
+    each = zip(corrections, half, own, strict=True)
+    beside = [2.0 * (0.5 * one.error - (at_half - at_own[0])) for one, at_half, at_own in each]
+    return tolerated(twin, floor + np.mean([one.var(axis=0) for one in beside], axis=0)), corrections
+
+
+def _stronger(recording: Aligned) -> Aligned:
+    """With what neighbours do off by as much as that is known."""
+    reaction = recording.reaction
+    return recording if reaction is None else replace(recording, reaction=replace(reaction, scale=1.0 + REACTION_ERROR))
 
 
 def tolerated(twin: TwinModel, floor: np.ndarray) -> np.ndarray:

@@ -56,6 +56,9 @@ FREE_ONSET_SIGMA_S = Threshold(0.05, "s", "of the onset where no commands were r
 OFFSET_FLOORS = Threshold(
     1.0, "1", "standard deviations of its noise: sigma of a reading's zero, set as well as it is read"
 )
+REACTION_ERROR = Threshold(
+    0.01, "1", "of the torques that moving neighbours cause: how well these are known from the measured motion"
+)
 DELAY_REACH = Threshold(3.0, "sigma", "bounds of the common delay: one late joint must not spoil the others")
 NUISANCE_REACH = Threshold(12.0, "1", "as a factor, bounds of a nuisance: far enough to show that it has to move")
 

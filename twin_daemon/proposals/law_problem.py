@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from scipy.signal import lfilter
 
-from twin_daemon.estimation.posterior import Posterior
+from twin_daemon.estimation.posterior import Correction, Posterior
 from twin_daemon.estimation.problem import Candidate, times_before
 from twin_daemon.estimation.variables import ParameterVariable, Variable
 from twin_daemon.proposals.features import OF_NEIGHBOURS, Feature
@@ -42,7 +42,7 @@ class LawProblem(Posterior):
         actuator: int,
         tracks: Sequence[Track],
         smoothness: float = 0.0,
-        corrections: Sequence[np.ndarray] | None = None,
+        corrections: Sequence[Correction] | None = None,
         threads: int | None = 1,
     ) -> None:
         most = feature.most

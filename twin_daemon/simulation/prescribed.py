@@ -21,11 +21,9 @@ from twin_daemon.simulation.alignment import Aligned, predict
 from twin_daemon.simulation.reactions import Blocks, Reaction
 from twin_daemon.simulation.twin import TwinModel
 
-_FASTEST_S = (
-    0.002  # between two times at which torques are computed: at twice that a 50 Hz arm is left with twice the floor
-)
+_CELL_S = 0.002  # that torques are averaged over: over twice that a 50 Hz arm is left with twice the floor
 _LEAST_WINDOW = 5
-_FINER = 4.0  # times the model's own step: what that gets wrong of an acceleration is a load on the neighbours
+_FINER = 4  # times the model's own step: what that gets wrong of an acceleration is a load on the neighbours
 _DOUBLED = 5  # times that the shortest window of an average may be doubled
 _SHIFTS = 8  # linear steps to the delay of a prediction: three are enough where it is less than a servo's time
 _LEAST_MISSED = 1e-16  # rad^2
@@ -33,7 +31,10 @@ _LEAST_MISSED = 1e-16  # rad^2
 
 @dataclass(frozen=True)
 class Motion:
-    """Smooth motion of all joints along a recording: `position`, `velocity`, `acceleration` (m, j) at `time_s` (m,)."""
+    """Smooth motion of all joints along a recording, in m cells of time one after another, `time_s` (m,) their middles.
+
+    `position`, `velocity`, `acceleration` (m, j) are means over a cell: a pulse that is shorter keeps its impulse.
+    """
 
     time_s: np.ndarray
     position: np.ndarray
@@ -56,16 +57,20 @@ def measured_motion(twin: TwinModel, recording: Aligned, stirring: np.ndarray) -
     """
     step_s = float(twin.model.opt.timestep)
     period = float(np.median(np.diff(recording.time_s)))
-    every = max(1, round(_FASTEST_S / step_s))
-    grid = np.arange(0.0, recording.time_s[-1] + step_s, every * step_s)
-    predicted = predict(twin.at_step(step_s / _FINER), replace(recording, time_s=grid))
+    finest_s, each = step_s / _FINER, _FINER * max(1, round(_CELL_S / step_s))
+    dt = each * finest_s
+    cells = int(np.ceil((recording.time_s[-1] + step_s) / dt))
+    fine_s = np.arange(cells * each + 1) * finest_s
+    predicted = predict(twin.at_step(finest_s), replace(recording, time_s=fine_s))
     predicted = twin.measurement.invert(twin.joints, predicted)
     if not np.isfinite(predicted).all():
         predicted = np.zeros_like(predicted)
     measured = twin.measurement.invert(twin.joints, recording.states)
-    predicted = _later(predicted, grid, recording.time_s, measured)
-    dt = every * step_s
-    position = np.empty((3, len(grid), len(twin.joints)))
+    predicted = _later(predicted, fine_s, recording.time_s, measured)
+    at_edges, speed_at_edges = predicted[::each], np.gradient(predicted, finest_s, axis=0)[::each]
+    own = 0.5 * (at_edges[1:] + at_edges[:-1]), np.diff(at_edges, axis=0) / dt, np.diff(speed_at_edges, axis=0) / dt
+    grid = (np.arange(cells) + 0.5) * dt
+    position = np.empty((3, cells, len(twin.joints)))
     for joint in range(len(twin.joints)):
         column = measured[:, joint]
         known = np.isfinite(column)
@@ -74,17 +79,17 @@ def measured_motion(twin: TwinModel, recording: Aligned, stirring: np.ndarray) -
             position[:, :, joint] = np.array([still, 0.0, 0.0])[:, None]
             continue
         read_s = recording.time_s[known]
-        beyond = column[known] - np.interp(read_s, grid, predicted[:, joint])
+        beyond = column[known] - np.interp(read_s, fine_s, predicted[:, joint])
         missed = np.interp(grid, read_s, beyond)
         least_s = 2.0 * max(response_time_s(twin, twin.joints[joint]), _LEAST_WINDOW * period)
         window_s = _window_s(read_s, beyond, grid, least_s)
         samples = min(2 * int(0.5 * window_s / dt) + 1, 2 * ((len(grid) - 1) // 2) - 1)
         for order in range(3):
-            smooth = missed if samples < 5 else savgol_filter(missed, samples, 3, deriv=order, delta=dt)
-            own = predicted[:, joint]
-            for _ in range(order):
-                own = np.gradient(own, dt)
-            position[order, :, joint] = own + (smooth if samples >= 5 or order == 0 else 0.0)
+            position[order, :, joint] = own[order][:, joint]
+            if samples >= 5:
+                position[order, :, joint] += np.asarray(savgol_filter(missed, samples, 3, deriv=order, delta=dt))
+        if samples < 5:
+            position[0, :, joint] += missed
     return Motion(grid, *position)
 
 

@@ -100,12 +100,14 @@ class LinkLoads:
 class Reaction:
     """Torques on a sub-model's joints along a recording that begins `begin_s` after the motion that they are from.
 
-    `torques` is None where the joints outside are still; `links` is what uncertain masses of links may add.
+    `torques` is None where the joints outside are still; `links` is what uncertain masses of links may add. `scale` is
+    a factor on the torques, to see what comes of an error of theirs.
     """
 
     torques: _Torques | None
     begin_s: float = 0.0
     links: LinkLoads | None = None
+    scale: float = 1.0
 
     @classmethod
     def along(cls, source: Prescribed) -> Reaction:
@@ -116,7 +118,9 @@ class Reaction:
         return replace(self, begin_s=self.begin_s + begin_s)
 
     def applied(self, twin: TwinModel, time_s: np.ndarray, measurement: Measurement | None = None) -> np.ndarray:
-        """(T, nv) generalised forces for a roll-out of the sub-model at times (T,) s, linear in between.
+        """(T, nv) generalised forces for a roll-out of the sub-model at times (T,) s: means of a step around each.
+
+        A held command moves the joints outside by a pulse that may be shorter than a step, and counts by its impulse.
 
         With another `measurement` than the motion was read with, the joints were elsewhere than they seemed.
         """
@@ -124,7 +128,9 @@ class Reaction:
         if self.torques is None:
             return out
         source, at = self.torques.source, time_s + self.begin_s
-        rows = _around(source.time_s, at)
+        step_s = float(twin.model.opt.timestep)
+        ends = np.append(at, at[-1] + step_s) - 0.5 * step_s
+        rows = _around(source.time_s, ends)
         torque = self.torques.nominal(rows)
         if measurement is not None:
             position = source.position[rows]
@@ -134,7 +140,7 @@ class Reaction:
                 torque = torque + np.einsum("mkj,mj->mk", self.torques.slopes(rows), moved)
         for column, joint in enumerate(source.joints):
             dof = twin.dof_adr[twin.joints.index(joint)]
-            out[:, dof] = np.interp(at, source.time_s[rows], torque[:, column])
+            out[:, dof] = self.scale * _means(source.time_s[rows], torque[:, column], ends)
         return out
 
     def applied_by_links(self, twin: TwinModel, time_s: np.ndarray) -> np.ndarray:
@@ -143,8 +149,18 @@ class Reaction:
         return self.links.applied(twin, time_s + self.begin_s)
 
 
+def _means(middle_s: np.ndarray, values: np.ndarray, ends_s: np.ndarray) -> np.ndarray:
+    """(T,) means between times (T + 1,) of what is constant in cells (m,) about their middles, and beyond these."""
+    width = float(np.median(np.diff(middle_s))) if len(middle_s) > 1 else 1.0
+    beyond = abs(ends_s[0] - middle_s[0]) + abs(ends_s[-1] - middle_s[-1]) + width
+    widths = np.concatenate([[beyond], np.full(len(values), width), [beyond]])
+    impulse = np.concatenate([[0.0], np.cumsum(widths * np.concatenate([values[:1], values, values[-1:]]))])
+    edges = middle_s[0] - 0.5 * width - beyond + np.concatenate([[0.0], np.cumsum(widths)])
+    return np.diff(np.interp(ends_s, edges, impulse)) / np.diff(ends_s)
+
+
 def _around(grid_s: np.ndarray, time_s: np.ndarray) -> slice:
-    """The times of a grid between which all of the given times (T,) lie."""
+    """The cells of a grid in which all of the given times (T,) lie."""
     first = int(np.searchsorted(grid_s, time_s.min(), side="right")) - 1
     last = int(np.searchsorted(grid_s, time_s.max(), side="left")) + 1
     return slice(min(max(first, 0), len(grid_s) - 1), max(min(last, len(grid_s)), 1))

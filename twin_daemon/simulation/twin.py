@@ -18,6 +18,7 @@ from twin_daemon.hand.description import Hand
 from twin_daemon.hand.naming import match
 from twin_daemon.places import HAND, ROBOT
 from twin_daemon.simulation.parameters import KINDS, ParameterKind
+from twin_daemon.simulation.radians import in_radians
 from twin_daemon.simulation.selfcontained import inline_meshes
 from twin_daemon.simulation.terms import EffectTerm, Terms
 
@@ -362,11 +363,12 @@ def _copied_and_compiled(nominal: Any) -> tuple[Any, mujoco.MjModel]:
 
 
 def _prepare(spec: Any) -> None:
-    """What a twin needs of any model: names of bodies and tendons, and steps that take damping and friction implicitly.
+    """What a twin needs of any model: names of bodies and tendons, rad, and steps that take damping implicitly.
 
     MuJoCo's Runge-Kutta takes all of them explicitly: at a usual step dry friction, play or an elastic tendon then runs
-    away. What the change costs is an error of the time step like any other's (`Posterior.step_errors`).
+    away. What the change costs is an error of the time step like any other's (`Posterior.corrections_at`).
     """
+    in_radians(spec)
     _name(spec.bodies, "body")
     _name(spec.tendons, "tendon")
     if spec.option.integrator == mujoco.mjtIntegrator.mjINT_RK4:

@@ -158,6 +158,8 @@ def searched(problem: Rows, found: Descent, own: Collection[int]) -> Descent:
     from 4 % of each variable to 0.5 % get across them (Hooke and Jeeves 1961).
     """
     point, rows, slopes = found.point, found.rows, found.slopes
+    if not own:
+        return found
     others = [i for i in range(len(point)) if i not in set(own)]
     basis, _ = np.linalg.qr(slopes[:, others])
     share = PATTERN_FIRST
