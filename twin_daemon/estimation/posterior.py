@@ -204,21 +204,28 @@ class Posterior(Problem):
         own step, which is off by more than the sensors' noise where steps are commanded. To first order the error is
         the same nearby, so it is computed once and taken out (`corrections`). MuJoCo's integrators are of first order:
         a quarter of the step leaves a third of what it takes away.
-
-        The variance is of what neighbours do to a part, which is read off their measured motion. A servo within its
-        limits hardly lets it show; one at its limit, or a joint that is about to slip, lets it grow.
         """
         own = self.predict(point[None])
         at_quarter = self.at_finer_step(FINER_STEPS, point)
         whole = 1.0 + 1.0 / (FINER_STEPS - 1.0)
-        errors = [whole * (fine - coarse[0]) for fine, coarse in zip(at_quarter, own, strict=True)]
+        each = zip(self.uncertain_at(point), at_quarter, own, strict=True)
+        return [replace(one, error=whole * (fine - coarse[0])) for one, fine, coarse in each]
+
+    def uncertain_at(self, point: np.ndarray) -> list[Correction]:
+        """The same without the time step's error: only how uncertain the roll-out of a point (p,) is.
+
+        What neighbours do to a part is read off their measured motion. A servo within its limits hardly lets an error
+        of that show; one at its limit, or a joint that is about to slip, lets it grow.
+        """
+        own = self.predict(point[None])
+        nothing = [np.zeros_like(read[0]) for read in own]
         if all(recording.reaction is None for recording in self.recordings):
-            return [Correction(error, np.zeros_like(error)) for error in errors]
+            return [Correction(zero, zero) for zero in nothing]
         stronger = Posterior(
             self.twin, [_stronger(one) for one in self.recordings], self.variables, self.objective, self.floor
         ).predict(point[None])
-        changes = [there[0] - here[0] for there, here in zip(stronger, own, strict=True)]
-        return [Correction(error, change**2) for error, change in zip(errors, changes, strict=True)]
+        each = zip(nothing, stronger, own, strict=True)
+        return [Correction(zero, (there[0] - here[0]) ** 2) for zero, there, here in each]
 
     def at_finer_step(self, steps: float, point: np.ndarray) -> list[np.ndarray]:
         """(n, k) rad a recording: how a point (p,) moves at so many time steps in one."""
