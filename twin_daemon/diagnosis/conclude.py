@@ -16,6 +16,7 @@ from twin_daemon.diagnosis.thresholds import (
     DECISIVE_NATS,
     FORBIDDEN_SIGMA,
     MOST_NAMED,
+    REFINEMENT,
     SURE,
     WORST_SHOWN,
 )
@@ -137,7 +138,7 @@ def conclude(
     findings = [*shared]
     for o, unknown in zip(outcomes, unknowns, strict=True):
         findings += [_finding(item, unknown) for item in o.accepted]
-    findings = _ranked(findings)
+    findings = ranked(findings)
     # of what was not searched to the end nobody can say how probable a law is that is not in the library
     finished = not any(o.unfinished for o in outcomes)
     places = _causes(outcomes, shared_posteriors)
@@ -215,20 +216,23 @@ def conclude(
     )
 
 
-def _ranked(findings: Sequence[Finding]) -> list[Finding]:
+def ranked(findings: Sequence[Finding]) -> list[Finding]:
     """By evidence; of those at the same joints what the model lacks comes before a number of its own that is off.
 
     A weaker servo with play is a joint with play first: no other value of the model's numbers would do. A torque limit
     is one of these, as the effect of a weaker servo holds it. What is sure comes before what is doubtful: the nats
-    of a second effect are over what the first one leaves, with its own floor, and may be more.
+    of a second effect are over what the first one leaves, with its own floor, and may be more. A number of the model
+    comes first where all else takes so little there that it may be the form of a law.
     """
     numbers = [effect for effect in tuple(LIBRARY.values()) if effect.competes_with is not None]
     own = {key for effect in numbers for key in (effect.key, *effect.contains)}
 
     def key(finding: Finding) -> tuple[float, bool, float, float]:
         beside = [other.evidence_nats for other in findings if set(other.joints) & set(finding.joints)]
+        less = sorted(beside)[:-1]
+        is_nearly_all = bool(less) and finding.evidence_nats == max(beside) and less[-1] < REFINEMENT * max(beside)
         doubt = max(SURE - (finding.probability or 0.0), 0.0)
-        return -max(beside), finding.effect in own, doubt, -finding.evidence_nats
+        return -max(beside), finding.effect in own and not is_nearly_all, doubt, -finding.evidence_nats
 
     return sorted(findings, key=key)
 
