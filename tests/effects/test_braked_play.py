@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -70,3 +71,13 @@ def test_without_a_derivative_gain_it_is_plain_play(arm: TwinModel) -> None:
         twin = plain.changed(Terms(effects=(EffectTerm(effect="backlash", target="j", values=values),)))
         rows.append(roll_out([twin.model], _commands()[None, :, None], twin.initial_qpos(np.zeros(1))[None])[0, -1])
     np.testing.assert_array_equal(*rows)
+
+
+def test_it_takes_no_command_of_its_own_and_exports_as_plain_mjcf(arm: TwinModel) -> None:
+    values = {"gap": 0.01, "braked": 1.0}
+    twin = arm.changed(Terms(effects=(EffectTerm(effect="backlash", target="j", values=values),)))
+    assert twin.model.nu == arm.model.nu
+    exported = mujoco.MjModel.from_xml_string(twin.mjcf())
+    start = twin.initial_qpos(np.zeros(1))[None]
+    moved = [roll_out([model], _commands()[None, :, None], start)[0] for model in (twin.model, exported)]
+    np.testing.assert_allclose(*moved, rtol=0, atol=1e-9)

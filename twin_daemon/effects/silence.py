@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from twin_daemon.effects.base import Place, silent_joint
-from twin_daemon.effects.edits import servo_damping, servo_stiffness
+from twin_daemon.effects.edits import add_passive_motor, servo_damping, servo_stiffness
 from twin_daemon.effects.transmission import implicit_step, pulled_joints
 
 _STIFF = 1000.0  # the ends of the band over the servo
@@ -64,11 +64,9 @@ def separate_derivative(spec: Any, place: Place) -> None:
     """Gives a servo's derivative gain to a motor of its own on the same joint, both within the servo's limits."""
     actuator = spec.actuator(place.actuator)
     brake = servo_damping(spec, place)
-    other = spec.add_actuator(
-        name=f"{place.actuator}_derivative", trntype=actuator.trntype, target=actuator.target, gear=actuator.gear
-    )
-    other.gaintype, other.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
-    other.gainprm, other.biasprm = np.zeros(10), np.array([0.0, 0.0, -brake, *np.zeros(7)])
+    other = add_passive_motor(spec, f"{place.actuator}_derivative", actuator.trntype, actuator.target)
+    other.gear = actuator.gear
+    other.gainprm[1] = np.sqrt(brake)  # a motor of resistance 1 that is shorted brakes by its constant squared
     actuator.biasprm[2] = 0.0
     model = spec.compile()
     index = model.actuator(place.actuator).id
