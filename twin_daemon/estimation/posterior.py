@@ -9,7 +9,7 @@ import numpy as np
 
 from twin_daemon.estimation.floor import floor_variance
 from twin_daemon.estimation.problem import Problem
-from twin_daemon.estimation.start_errors import Whitening
+from twin_daemon.estimation.start_errors import Whitening, each_held
 from twin_daemon.estimation.thresholds import (
     FINER_STEPS,
     FLOOR_CHI_SQUARE,
@@ -215,11 +215,13 @@ class Posterior(Problem):
         """The same without the time step's error: only how uncertain the roll-out of a point (p,) is.
 
         What neighbours do to a part is read off their measured motion. A servo within its limits hardly lets an error
-        of that show; one at its limit, or a joint that is about to slip, lets it grow.
+        of that show; one at its limit, or a joint that is about to slip, lets it grow. Joints that no servo holds apart
+        let it grow all the time, so that nothing would count: of these it is not asked.
         """
         own = self.predict(point[None])
         nothing = [np.zeros_like(read[0]) for read in own]
-        if all(recording.reaction is None for recording in self.recordings):
+        feels = any(recording.reaction is not None for recording in self.recordings)
+        if not (feels and each_held(self.twin, self.objective)):
             return [Correction(zero, zero) for zero in nothing]
         stronger = Posterior(
             self.twin, [_stronger(one) for one in self.recordings], self.variables, self.objective, self.floor

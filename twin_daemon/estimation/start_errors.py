@@ -28,7 +28,7 @@ def with_start_errors(twin: TwinModel, pieces: Sequence[Aligned], joints: Sequen
     """
     if not pieces or any(piece.start_sigma is None for piece in pieces):
         return list(pieces)
-    servos = sum(bool(set(driven) & set(joints)) for driven in twin.driven)
+    held = each_held(twin, joints)
     floor = np.sqrt(floor_variance(pieces, joints))
     time_s = np.array([response_time_s(twin, joint) for joint in joints])
     columns = [twin.joints.index(joint) for joint in joints]
@@ -37,7 +37,7 @@ def with_start_errors(twin: TwinModel, pieces: Sequence[Aligned], joints: Sequen
         for index, piece in enumerate(pieces)
         if piece.start_sigma is not None
         and (
-            len(joints) > servos
+            not held
             or (
                 np.hypot(piece.start_sigma[0, columns], piece.start_sigma[1, columns] * time_s) > START_FLOORS * floor
             ).any()
@@ -58,6 +58,11 @@ def with_start_errors(twin: TwinModel, pieces: Sequence[Aligned], joints: Sequen
     for index, response in zip(chosen, responses, strict=True):
         out[index] = replace(pieces[index], start_response=response)
     return out
+
+
+def each_held(twin: TwinModel, joints: Sequence[str]) -> bool:
+    """Whether there is a servo for each of the joints: what two on one tendon do apart is held by none."""
+    return len(joints) <= sum(bool(set(driven) & set(joints)) for driven in twin.driven)
 
 
 def _moved(piece: Aligned, order: int, column: int) -> Aligned:
