@@ -10,7 +10,6 @@ from twin_daemon.diagnosis.conclude import Outcome
 from twin_daemon.diagnosis.floor_check import within_floor
 from twin_daemon.diagnosis.group import look
 from twin_daemon.diagnosis.part_fit import PartFit
-from twin_daemon.diagnosis.selection import Say
 from twin_daemon.diagnosis.shared import Shared, SharedSearch
 from twin_daemon.diagnosis.shared_cause import SharedCause, shared_causes
 from twin_daemon.diagnosis.thresholds import CLOSER_LOOK, DEVIATING_SIGMA, OF_ALL_LEFT
@@ -20,6 +19,7 @@ from twin_daemon.estimation.nuisances import NOMINAL_KINDS
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.executor import TimeLimit, concurrently
 from twin_daemon.places import ROBOT
+from twin_daemon.processes import Say
 from twin_daemon.simulation.terms import EffectTerm
 from twin_daemon.simulation.twin import TwinModel
 

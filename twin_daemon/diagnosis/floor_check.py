@@ -11,9 +11,9 @@ from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.part_search import begun_outcome
 from twin_daemon.diagnosis.power import undetectable
 from twin_daemon.diagnosis.screening import Screening
-from twin_daemon.diagnosis.selection import Say
 from twin_daemon.diagnosis.validation import Validation
 from twin_daemon.estimation.partition import Reduced
+from twin_daemon.processes import Say
 
 
 def above_floor(

@@ -37,11 +37,10 @@ class GroupRows:
         self._places = [next(i for i, r in enumerate(reduced.train) if r is piece) for piece in self._kept]
         problem = Posterior(reduced.twin, reduced.train, part.variables, part.joints, part.floor)
         chosen = problem.over([reduced.train[i] for i in self._places], self._variables(), ())
-        chosen = chosen.corrected(chosen.uncertain_at(chosen.start))
         rows = chosen.residuals(chosen.start[None])[0]
         slopes = differenced(chosen, chosen.start, rows, range(len(chosen.start)))
         self._basis, _ = np.linalg.qr(slopes)
-        self.rows = self._left(rows, chosen)
+        self.rows = self.left(rows)
         self.floor_cost = chosen.effective_samples
         self._problem, self._at_start, self._slopes = chosen, rows, slopes
 
@@ -66,14 +65,13 @@ class GroupRows:
     def _variables(self) -> tuple[Variable, ...]:
         return over_some(self._part.variables, self.reduced.train, self._kept)
 
-    def _left(self, rows: np.ndarray, problem: Posterior) -> np.ndarray:
-        """(m + 1,) rows without what the nuisances can do, and what it costs not to be sure of all samples."""
-        return np.append(rows - self._basis @ (self._basis.T @ rows), np.sqrt(problem.uncertainty_cost))
+    def left(self, rows: np.ndarray) -> np.ndarray:
+        """(m,) rows without what the nuisances can do."""
+        return rows - self._basis @ (self._basis.T @ rows)
 
     def seen(self, changed: Reduced) -> np.ndarray:
-        """(m + 1,) what is left of the group's rows with a cause in its model."""
+        """(m,) what is left of the group's rows with a cause in its model."""
         pieces = [changed.train[i] for i in self._places]
         variables = self._variables()
         problem = Posterior(changed.twin, pieces, variables, self._part.joints, self._part.floor)
-        problem = problem.corrected(problem.uncertain_at(problem.start))
-        return self._left(problem.residuals(problem.start[None])[0], problem)
+        return self.left(problem.residuals(problem.start[None])[0])

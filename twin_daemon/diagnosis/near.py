@@ -10,11 +10,11 @@ from twin_daemon.diagnosis.conclude import Outcome
 from twin_daemon.diagnosis.floor_check import above_floor
 from twin_daemon.diagnosis.group import look
 from twin_daemon.diagnosis.part_fit import PartFit
-from twin_daemon.diagnosis.selection import Say
 from twin_daemon.diagnosis.thresholds import CLOSER_LOOK
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.estimation.thresholds import LEAST_CLEAR_S
 from twin_daemon.executor import concurrently
+from twin_daemon.processes import Say
 from twin_daemon.simulation.twin import TwinModel
 
 

@@ -12,7 +12,7 @@ from twin_daemon.diagnosis.far_off import beyond_any_hand, deviating, needed
 from twin_daemon.diagnosis.fit import Fit
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.screening import AskedBefore
-from twin_daemon.diagnosis.selection import Say, decisive, next_effect, swap_rivals, weight_of
+from twin_daemon.diagnosis.selection import decisive, next_effect, swap_rivals, weight_of
 from twin_daemon.diagnosis.thresholds import (
     ADEQUATE_FLOORS,
     COMPARABLE,
@@ -26,6 +26,7 @@ from twin_daemon.diagnosis.thresholds import (
 from twin_daemon.diagnosis.validation import Validation, most_left
 from twin_daemon.estimation.partition import Reduced
 from twin_daemon.executor import OutOfTime, TimeLimit
+from twin_daemon.processes import Say
 
 
 def begun_outcome(reduced: Reduced, part: PartFit) -> Outcome:

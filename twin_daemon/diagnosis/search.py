@@ -15,7 +15,6 @@ from twin_daemon.diagnosis.left_out import LeftOut
 from twin_daemon.diagnosis.near import when_near
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.part_search import begun_outcome
-from twin_daemon.diagnosis.selection import Say
 from twin_daemon.diagnosis.shared import Shared
 from twin_daemon.diagnosis.thresholds import MOST_EFFECTS
 from twin_daemon.diagnosis.unit_search import UnitSearch, units
@@ -23,6 +22,7 @@ from twin_daemon.diagnosis.verdict import Diagnosis, Finding
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.executor import OutOfTime, TimeLimit, concurrently
 from twin_daemon.places import ROBOT
+from twin_daemon.processes import Say
 from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.submodel import drive_groups
 from twin_daemon.simulation.twin import TwinModel

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import permutations
 
@@ -31,10 +31,10 @@ from twin_daemon.diagnosis.thresholds import (
 from twin_daemon.diagnosis.validation import Validation
 from twin_daemon.diagnosis.verdict import Trial
 from twin_daemon.executor import TimeLimit, concurrently
+from twin_daemon.processes import Say
 
 _TAKES_LITTLE = "takes little of what is left beyond the floor away"
 
-Say = Callable[[str], None]
 """Called with one line whenever a candidate has been judged."""
 
 

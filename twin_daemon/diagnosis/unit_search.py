@@ -12,10 +12,10 @@ from twin_daemon.diagnosis.group import look
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.part_search import PartSearch, Progress, begun_outcome
 from twin_daemon.diagnosis.screening import AskedBefore
-from twin_daemon.diagnosis.selection import Say
 from twin_daemon.diagnosis.thresholds import GONE_FAR
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.executor import TimeLimit
+from twin_daemon.processes import Say
 from twin_daemon.simulation.submodel import linked
 from twin_daemon.simulation.twin import TwinModel
 
@@ -55,8 +55,7 @@ class UnitSearch:
             left.sort(key=lambda item: -float(item[1].times_floor.max()))
             reduced, part = left[0]
             outcome = self._searched(twin, part, reduced)
-            # of one effect each no more is asked than what it leaves: all values are fitted together behind it
-            enough = outcome.explains or (self.most_effects == 1 and outcome.left <= 1.0)
+            enough = outcome.explains or (self._one_each and outcome.left <= 1.0)
             if not outcome.accepted or not enough:
                 before = _asked(outcome)
                 break
@@ -73,6 +72,11 @@ class UnitSearch:
             else:
                 reduced, part = look(whole)
                 self.outcomes.append(self._searched(twin, part, reduced, before))
+
+    @property
+    def _one_each(self) -> bool:
+        """Whether of each group no more is asked than what one effect leaves: all values are fitted together behind."""
+        return self.most_effects == 1
 
     def _above(self, twin: TwinModel, groups: Sequence[Reduced]) -> list[tuple[Reduced, PartFit]]:
         """Those groups that are above the floor with what the twin now has."""
@@ -108,10 +112,10 @@ class UnitSearch:
         """A part on the motion that follows from its first effect, if that is not all and leaves less there; else None.
 
         The measured motion of a joint that lacks much was smoothed by a wrong prediction: what its neighbours do to it
-        came out wrong, and no law explains that. Of one effect each no more is asked: all values are fitted behind it.
+        came out wrong, and no law explains that.
         """
         first = begun.outcome
-        if begun.ended or self.most_effects == 1 or not (first.accepted and self.reduction.carries):
+        if begun.ended or self._one_each or not (first.accepted and self.reduction.carries):
             return None
         reduction = self.reduction.following(self._as_fitted(_with_found(twin, first), first))
         again = reduction.together(twin, [reduced])

@@ -18,10 +18,11 @@ from twin_daemon.errors import BadInput
 from twin_daemon.estimation.partition import Reduction
 from twin_daemon.estimation.thresholds import Z95
 from twin_daemon.executor import TimeLimit
+from twin_daemon.processes import Say
 from twin_daemon.proposals.formula import formulas
 from twin_daemon.proposals.proposal import Curve, Native, Nearest, Proposal, Proposals, Rival, Value
 from twin_daemon.proposals.refit import RefittedLaw, refitted
-from twin_daemon.proposals.search import FittedLaw, JointSearch, Say, Trial
+from twin_daemon.proposals.search import FittedLaw, JointSearch, Trial
 from twin_daemon.proposals.thresholds import (
     FORMULAS_TRIED,
     LEAST_GAIN,

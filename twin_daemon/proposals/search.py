@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -16,6 +16,7 @@ from twin_daemon.estimation.uncertainty import block_gain, block_samples, sample
 from twin_daemon.estimation.variables import OnsetVariable, Variable
 from twin_daemon.estimation.windows import spread
 from twin_daemon.executor import TimeLimit, concurrently
+from twin_daemon.processes import Say
 from twin_daemon.proposals.descent import Linear, Reached, columns, cross_validated, folds, gauss_newton
 from twin_daemon.proposals.features import OF_NEIGHBOURS, Feature, features
 from twin_daemon.proposals.law_problem import LawProblem
@@ -38,8 +39,6 @@ from twin_daemon.proposals.track import Track, track
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.submodel import Part
 from twin_daemon.simulation.twin import TwinModel
-
-Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
