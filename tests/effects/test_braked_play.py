@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from twin_daemon.errors import BadInput
 from twin_daemon.hand import load_hand
 from twin_daemon.simulation.rollout import roll_out
 from twin_daemon.simulation.terms import EffectTerm, Terms
@@ -81,3 +82,10 @@ def test_it_takes_no_command_of_its_own_and_exports_as_plain_mjcf(arm: TwinModel
     start = twin.initial_qpos(np.zeros(1))[None]
     moved = [roll_out([model], _commands()[None, :, None], start)[0] for model in (twin.model, exported)]
     np.testing.assert_allclose(*moved, rtol=0, atol=1e-9)
+
+
+def test_there_is_no_room_for_a_silent_servo_beside_it(arm: TwinModel) -> None:
+    both = (("backlash", {"gap": 0.01, "braked": 1.0}), ("dead_zone", {"band": 0.01}))
+    effects = tuple(EffectTerm(effect=key, target="j", values=values) for key, values in both)
+    with pytest.raises(BadInput, match="no room for both"):
+        arm.changed(Terms(effects=effects))

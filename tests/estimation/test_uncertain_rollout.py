@@ -60,7 +60,7 @@ def test_nothing_holds_a_joint_against_its_neighbours_at_the_limit_of_its_servo(
         arm = _arm(tmp_path, limit)
         read = align(arm, recorded(arm.at_step(5e-4), _STEPS, rng, seconds=6.0, noise_rad=1e-4))
         part = _part(arm, read, ["upper"])
-        corrections = part.uncertain_at(np.zeros(0))
+        corrections = part.corrections_at(np.zeros(0))
         moved[limit] = max(float(np.sqrt(one.variance.max())) for one in corrections)
         paid[limit] = part.corrected(corrections).uncertainty_cost
         weights = np.concatenate([one.weight(part.floor) for one in corrections])
@@ -74,6 +74,6 @@ def test_joints_that_no_servo_holds_apart_are_not_excused(twin: TwinModel, rng: 
     found = {}
     for joints in (("rh_FFJ3",), ("rh_FFJ1", "rh_FFJ2")):
         part = _part(twin, read, joints)
-        found[joints] = max(float(one.variance.max()) for one in part.uncertain_at(np.zeros(0)))
+        found[joints] = max(float(one.variance.max()) for one in part.corrections_at(np.zeros(0)))
     assert found["rh_FFJ3",] > 0.0
     assert found["rh_FFJ1", "rh_FFJ2"] == 0.0

@@ -82,7 +82,7 @@ class Backlash(Effect):
         tendon.solref_limit, tendon.solimp_limit = solref, solimp
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
-        return tuple({"gap": gap, "motor_share": 0.2, **law} for law in _laws(scale) for gap in (0.02, 0.06, 0.2))
+        return tuple({"gap": gap, "motor_share": 0.2, **law} for gap in (0.02, 0.06, 0.2) for law in _laws(scale))
 
     def suggested(self, scale: Scale, seen: Seen) -> tuple[dict[str, float], ...]:
         """Gaps of the size of the error: at rest a joint lies up to half of its play to either side."""

@@ -10,6 +10,7 @@ import numpy as np
 from twin_daemon.effects.base import Place, silent_joint
 from twin_daemon.effects.edits import add_passive_motor, servo_damping, servo_stiffness
 from twin_daemon.effects.transmission import implicit_step, pulled_joints
+from twin_daemon.errors import BadInput
 
 _STIFF = 1000.0  # the ends of the band over the servo
 _LOSS_STEPS = 0.2  # damping over stiffness at these ends, in time steps: they are met without rebound
@@ -19,11 +20,17 @@ _OVERLAP = 5e-4  # rad: each end begins this early, so that a closed band is hel
 _CLOSED = 1e-9  # rad: MuJoCo wants an upper limit above the lower one
 
 
-def silent_within(spec: Any, place: Place, band: float) -> Any:
-    """Lets a servo act on `joint + s`, where `s` yields to it freely within a band (rad): the tendon over both.
+def silent_within(spec: Any, place: Place, band: float) -> None:
+    """Lets a servo act on `joint + s`, where `s` yields to it freely within a band (rad).
 
-    `s` has hardly any inertia, and as much damping as brings it to the error within one time step.
+    `s` has hardly any inertia, and as much damping as brings it to the error within one time step. Raises BadInput
+    where the servo already yields within a band.
     """
+    if spec.joint(silent_joint(place)) is not None:
+        raise BadInput(
+            f"{place.target}: 'dead_zone' and 'backlash' with 'braked' are one law, so that there is no room for both",
+            todo="Remove one, or set braked=0",
+        )
     actuator, step = spec.actuator(place.actuator), float(spec.option.timestep)
     driven, gear = pulled_joints(spec, actuator), float(actuator.gear[0])
     stiffness = servo_stiffness(spec, place) * gear**2
@@ -51,7 +58,6 @@ def silent_within(spec: Any, place: Place, band: float) -> Any:
     tendon.wrap_joint(joint.name, 1.0)
     actuator.trntype = mujoco.mjtTrn.mjTRN_TENDON
     actuator.target = tendon.name
-    return tendon
 
 
 def brakes_itself(spec: Any, place: Place) -> bool:

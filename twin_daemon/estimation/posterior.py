@@ -105,8 +105,10 @@ class Posterior(Problem):
 
     @property
     def uncertainty_cost(self) -> float:
-        """What it costs (-2 log posterior) that samples are uncertain beyond the floor: a law that does not say is free
-        of being wrong there, not of having said nothing."""
+        """What it costs (-2 log posterior) that samples are uncertain beyond the floor: the log of their variance.
+
+        Else a law that says little of a sample would gain by that.
+        """
         counted = zip(self._counts, self._known, self._tau, strict=True) if self._counts else ()
         return float(sum((-2.0 * np.log(counts) * known).sum() / tau for counts, known, tau in counted))
 
@@ -208,26 +210,24 @@ class Posterior(Problem):
         own = self.predict(point[None])
         at_quarter = self.at_finer_step(FINER_STEPS, point)
         whole = 1.0 + 1.0 / (FINER_STEPS - 1.0)
-        each = zip(self.uncertain_at(point), at_quarter, own, strict=True)
-        return [replace(one, error=whole * (fine - coarse[0])) for one, fine, coarse in each]
+        each = zip(at_quarter, own, self._variances_at(point), strict=True)
+        return [Correction(whole * (fine - coarse[0]), variance) for fine, coarse, variance in each]
 
-    def uncertain_at(self, point: np.ndarray) -> list[Correction]:
-        """The same without the time step's error: only how uncertain the roll-out of a point (p,) is.
+    def _variances_at(self, point: np.ndarray) -> list[np.ndarray]:
+        """(n, k) rad^2 a recording: how uncertain the roll-out of a point (p,) is.
 
         What neighbours do to a part is read off their measured motion. A servo within its limits hardly lets an error
         of that show; one at its limit, or a joint that is about to slip, lets it grow. Joints that no servo holds apart
         let it grow all the time, so that nothing would count: of these it is not asked.
         """
         own = self.predict(point[None])
-        nothing = [np.zeros_like(read[0]) for read in own]
         feels = any(recording.reaction is not None for recording in self.recordings)
         if not (feels and each_held(self.twin, self.objective)):
-            return [Correction(zero, zero) for zero in nothing]
+            return [np.zeros_like(read[0]) for read in own]
         stronger = Posterior(
             self.twin, [_stronger(one) for one in self.recordings], self.variables, self.objective, self.floor
         ).predict(point[None])
-        each = zip(nothing, stronger, own, strict=True)
-        return [Correction(zero, (there[0] - here[0]) ** 2) for zero, there, here in each]
+        return [(there[0] - here[0]) ** 2 for there, here in zip(stronger, own, strict=True)]
 
     def at_finer_step(self, steps: float, point: np.ndarray) -> list[np.ndarray]:
         """(n, k) rad a recording: how a point (p,) moves at so many time steps in one."""
