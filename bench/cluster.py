@@ -10,7 +10,8 @@ from bench.frame import LeftOut, Row, ratio_row
 from bench.real import real
 from twin_daemon.calibration.calibrate import calibrate
 from twin_daemon.calibration.spaces import load_space
-from twin_daemon.executor import on_cluster, thread_count
+from twin_daemon.executor import on_cluster
+from twin_daemon.processor_time import thread_count
 
 
 def cluster(quick: bool, seed: int) -> Sequence[Row]:

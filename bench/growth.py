@@ -15,12 +15,12 @@ from bench.picture import picture
 from twin_daemon.calibration.spaces import Space, variables_of
 from twin_daemon.estimation.partition import restricted
 from twin_daemon.estimation.problem import Problem
-from twin_daemon.executor import thread_count
 from twin_daemon.figures.style import DOWN, REFERENCE, RESIDUAL, TWIN, UP
 from twin_daemon.hand import load_hand
 from twin_daemon.plant import Plant
 from twin_daemon.plant.motions import rich
 from twin_daemon.plant.recording import record
+from twin_daemon.processor_time import thread_count
 from twin_daemon.recordings import load_recording
 from twin_daemon.simulation.alignment import Aligned, align
 from twin_daemon.simulation.submodel import submodel

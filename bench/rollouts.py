@@ -11,9 +11,9 @@ import numpy as np
 from mujoco import rollout
 
 from bench.frame import Row, ratio_row
-from twin_daemon.executor import thread_count
 from twin_daemon.hand import load_hand
 from twin_daemon.plant.motions import rich
+from twin_daemon.processor_time import thread_count
 from twin_daemon.signals.commands import CommandSignal
 from twin_daemon.simulation.rollout import roll_out
 from twin_daemon.simulation.submodel import submodel

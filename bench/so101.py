@@ -20,8 +20,8 @@ from twin_daemon.comparison.compare import compare_recording, mean_over_moving
 from twin_daemon.comparison.region import outside, region_of
 from twin_daemon.diagnosis.free_rollout import with_finding
 from twin_daemon.diagnosis.search import diagnose
-from twin_daemon.executor import TimeLimit
 from twin_daemon.hand import load_hand
+from twin_daemon.processor_time import TimeLimit
 from twin_daemon.recordings import load_joint_map, load_recording
 from twin_daemon.simulation.alignment import Aligned, align
 from twin_daemon.simulation.twin import TwinModel

@@ -8,18 +8,19 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import os
 import socket
-import time
-from collections.abc import Callable, Iterable, Iterator
+import sys
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextvars import ContextVar
-from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
 from twin_daemon.errors import BadInput, NoAnswer, UsageError
+from twin_daemon.processes import Say, in_processes
+from twin_daemon.processor_time import thread_count
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -27,80 +28,6 @@ Result = TypeVar("Result")
 _ANSWER_S = 10.0
 _LOOK_S = 5.0  # between looks at whether any worker is left
 _WAIT_S = 60.0  # for a worker, where none is left
-
-
-def thread_count() -> int:
-    """Threads for roll-outs: TWIN_THREADS, or the cores that this process may use."""
-    setting = os.environ.get("TWIN_THREADS", "")
-    return int(setting) if setting.isdigit() and int(setting) > 0 else len(os.sched_getaffinity(0))
-
-
-@dataclass
-class _Process:
-    """What a process was begun with: the processor's seconds before it, and how many others run beside it."""
-
-    before_s: float = 0.0
-    places: int = 1
-
-
-_process = _Process()
-
-
-def begin_on_one_core(before_s: float, places: int) -> None:
-    """Says to a process that it has one core, as one of so many, and what was spent before they were begun."""
-    _process.before_s, _process.places = before_s, places
-    os.environ["TWIN_THREADS"] = "1"
-
-
-def processor_s() -> float:
-    """Seconds of the processor that this work has taken, in this process, in those before it and in those beside it.
-
-    Those that are still running count as this one does.
-    """
-    spent = os.times()
-    return _process.before_s + _process.places * (
-        spent.user + spent.system + spent.children_user + spent.children_system
-    )
-
-
-class OutOfTime(Exception):
-    """The time that work was given is over. What it has until then is kept by whoever gave it."""
-
-
-class TimeLimit:
-    """So many seconds of all of this machine's cores, from now on, or by the wall clock; None for no end.
-
-    It counts what this process does and those that it begins: work that is sent to another one takes no limit along.
-    """
-
-    def __init__(self, seconds: float | None = None, *, wall_s: float | None = None) -> None:
-        self._processor_s = np.inf if seconds is None else seconds * thread_count()
-        self._wall_s = np.inf if wall_s is None else wall_s
-        self._began_s, self._begun_at_s = processor_s(), time.monotonic()
-
-    def over(self, share: float = 1.0) -> bool:
-        """Whether this share of it has gone."""
-        return (
-            processor_s() - self._began_s > share * self._processor_s
-            or time.monotonic() - self._begun_at_s > share * self._wall_s
-        )
-
-    def __reduce__(self) -> tuple[type[TimeLimit], tuple[()]]:
-        return TimeLimit, ()
-
-    def checked(self, work: Callable[[Item], Result]) -> Callable[[Item], Result]:
-        """The same work, which raises OutOfTime instead of beginning when it is over."""
-
-        def begun(item: Item) -> Result:
-            self.check()
-            return work(item)
-
-        return begun
-
-    def check(self) -> None:
-        """Raises OutOfTime where it is over."""
-        if self.over():
-            raise OutOfTime
 
 
 class Executor(Protocol):
@@ -116,9 +43,15 @@ class Executor(Protocol):
 
 
 class Cores:
-    """This machine's cores. Roll-outs leave the interpreter's lock, so threads are enough."""
+    """This machine's cores: processes of their own where one can be forked, else threads.
+
+    Roll-outs leave the interpreter's lock; all between them does not, and is as much.
+    """
 
     def each(self, work: Callable[[Item], Result], items: list[Item]) -> list[Result]:
+        if (count := _processes(len(items))) > 1:
+            found = dict(in_processes(lambda item, _: work(item), items, lambda _: None, count))
+            return [found[index] for index in range(len(items))]
         with ThreadPoolExecutor(max_workers=thread_count()) as pool:
             waiting = [pool.submit(work, item) for item in items]
             try:
@@ -206,9 +139,28 @@ def _applied(work: Callable[[Any], Any], packed: bytes) -> bytes:
 _executor: ContextVar[Executor] = ContextVar("executor", default=Cores())  # noqa: B039 - it has no state
 
 
-def on_this_machine() -> bool:
-    """Whether work runs on this machine's cores."""
-    return isinstance(_executor.get(), Cores)
+def places(count: int) -> int:
+    """How many processes so many pieces of work get: one a core, or 1 where all is done in this process.
+
+    So it is with one core or one piece, where work is sent to a cluster, in another thread than the main one, and on a
+    system that cannot fork while libraries run threads.
+    """
+    return _processes(count) if isinstance(_executor.get(), Cores) else 1
+
+
+def _processes(count: int) -> int:
+    forks = threading.current_thread() is threading.main_thread() and sys.platform.startswith("linux")
+    return min(thread_count(), count) if forks else 1
+
+
+def side_by_side(work: Callable[[Item, Say], Result], items: Sequence[Item], say: Say) -> Iterator[tuple[int, Result]]:
+    """(index, work(item, say)) for each item, as they end, in as many processes as there are `places`.
+
+    What the work raises is raised here. What one of several says is told when it has ended.
+    """
+    if (count := places(len(items))) > 1:
+        return in_processes(work, items, say, count)
+    return ((index, work(item, say)) for index, item in enumerate(items))
 
 
 def concurrently(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:

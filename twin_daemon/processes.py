@@ -1,4 +1,4 @@
-"""Long pieces of work side by side, each in a process of its own.
+"""Work in several processes of this machine.
 
 Between roll-outs the interpreter's lock keeps threads from running at once: two of them take a diagnosis hardly further
 than one. A process that is forked has all that its work needs without a copy, and only the answer is sent back.
@@ -7,20 +7,24 @@ than one. A process that is forked has all that its work needs without a copy, a
 from __future__ import annotations
 
 import ctypes
+import functools
+import gc
+import io
 import multiprocessing
 import os
 import pickle
 import signal
-import sys
-import threading
-from collections.abc import Callable, Generator, Sequence
+import struct
+from collections.abc import Callable, Generator, Mapping, Sequence
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
-from typing import TypeVar
+from typing import Any, TypeVar
 
-from twin_daemon.executor import begin_on_one_core, on_this_machine, processor_s, thread_count
+from twin_daemon.processor_time import begin_on_one_core, processor_s
 
 _PR_SET_PDEATHSIG = 1  # of prctl(2)
+_INDEX = struct.Struct("i")
+_MARK = "__never_changes__"
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -28,64 +32,101 @@ Say = Callable[[str], None]
 """Called with a line of what work has come to."""
 
 
-def places(count: int) -> int:
-    """How many processes so many pieces of work get: one a core, or 1 where all is done in this process.
-
-    So it is with one core or one piece, where work is sent to a cluster, in another thread than the main one, and on a
-    system that cannot fork while libraries run threads.
-    """
-    in_main = threading.current_thread() is threading.main_thread()
-    forks = on_this_machine() and in_main and sys.platform.startswith("linux")
-    return min(thread_count(), count) if forks else 1
-
-
-def side_by_side(
-    work: Callable[[Item, Say], Result], items: Sequence[Item], say: Say
+def in_processes(
+    work: Callable[[Item, Say], Result], items: Sequence[Item], say: Say, count: int
 ) -> Generator[tuple[int, Result], None, None]:
-    """(index, work(item, say)) for each item, as they end. What the work raises is raised here.
+    """(index, work(item, say)) for each item, as they end, in `count` processes that take one after another.
 
-    In as many processes as there are `places`. What one of several says is told when it has ended. What a process that
-    was killed had begun is done in this one. Whoever stops asking ends the processes.
+    What the work raises is raised here. What it says is told when it has ended. What a process that was killed had
+    begun is done in this one. Whoever stops asking ends the processes.
+
+    What never changes and was here before comes back as what it was: see `never_changes`.
     """
-    count = places(len(items))
-    if count < 2:
-        for index, item in enumerate(items):
-            yield index, work(item, say)
-        return
-    waiting = list(range(len(items)))[::-1]
-    running: dict[Connection, tuple[BaseProcess, int]] = {}
+    known = _known()
+    asked, end = os.pipe()
+    left = set(range(len(items)))
+    os.write(end, b"".join(map(_INDEX.pack, range(len(items)))))
+    os.close(end)
+    running: dict[Connection, BaseProcess] = {}
     try:
-        while waiting or running:
-            while waiting and len(running) < count:
-                index = waiting.pop()
-                connection, process = _begun(work, items[index], count)
-                running[connection] = process, index
+        for _ in range(count):
+            connection, process = _begun(work, items, count, asked, known)
+            running[connection] = process
+        while running:
             for connection in wait(list(running)):
                 assert isinstance(connection, Connection)
-                process, index = running.pop(connection)
                 try:
-                    error, answer, said = pickle.loads(connection.recv_bytes())
+                    index, error, answer, said = _Receiver(connection.recv_bytes(), known).load()
                 except EOFError:
-                    error, answer, said = None, work(items[index], say), ()
-                finally:
+                    running.pop(connection).join()
                     connection.close()
-                process.join()
+                    continue
+                left.discard(index)
                 for line in said:
                     say(line)
                 if error is not None:
                     raise error
                 yield index, answer
     finally:
-        for connection, (process, _) in running.items():
+        os.close(asked)
+        for connection, process in running.items():
             process.kill()
             process.join()
             connection.close()
+    for index in sorted(left):
+        yield index, work(items[index], say)
 
 
-def _begun(work: Callable[[Item, Say], Result], item: Item, count: int) -> tuple[Connection, BaseProcess]:
-    """The end of a pipe at which the answer of a new process arrives, and that process."""
+def never_changes(kind: type[Item]) -> type[Item]:
+    """Marks a class whose instances are not changed once they are made, as those of a frozen dataclass are not.
+
+    A process that was forked has the same ones: they are sent back as references, and what a process has kept in them
+    for later is lost. One with an attribute `made_by`, (function, arguments), is made by that where it arrives.
+    """
+    setattr(kind, _MARK, True)
+    return kind
+
+
+@functools.cache
+def _is_reference(kind: type[Any]) -> bool:
+    if not str(kind.__module__).startswith("twin_daemon."):
+        return False
+    frozen = getattr(kind, "__dataclass_params__", None)
+    return bool(getattr(kind, _MARK, False) or (frozen and frozen.frozen))
+
+
+def _known() -> dict[int, Any]:
+    """What may be sent back as a reference, by its id, which it keeps in a process that is forked."""
+    return {id(one): one for one in gc.get_objects() if _is_reference(type(one))}
+
+
+class _Sender(pickle.Pickler):
+    def __init__(self, file: io.BytesIO, known: Mapping[int, Any]) -> None:
+        super().__init__(file, protocol=pickle.HIGHEST_PROTOCOL)
+        self._known = known
+
+    def persistent_id(self, obj: Any) -> int | None:
+        return id(obj) if id(obj) in self._known else None
+
+    def reducer_override(self, obj: Any) -> Any:
+        return getattr(obj, "made_by", None) or NotImplemented
+
+
+class _Receiver(pickle.Unpickler):
+    def __init__(self, message: bytes, known: Mapping[int, Any]) -> None:
+        super().__init__(io.BytesIO(message))
+        self._known = known
+
+    def persistent_load(self, pid: int) -> Any:
+        return self._known[pid]
+
+
+def _begun(
+    work: Callable[[Item, Say], Result], items: Sequence[Item], count: int, asked: int, known: Mapping[int, Any]
+) -> tuple[Connection, BaseProcess]:
+    """The end of a pipe at which the answers of a new process arrive, and that process."""
     receiver, sender = multiprocessing.Pipe(duplex=False)
-    arguments = (work, item, count, processor_s(), os.getpid(), sender)
+    arguments = (work, items, count, processor_s(), os.getpid(), asked, sender, known)
     process = multiprocessing.get_context("fork").Process(target=_work, args=arguments, daemon=True)
     process.start()
     sender.close()
@@ -93,18 +134,34 @@ def _begun(work: Callable[[Item, Say], Result], item: Item, count: int) -> tuple
 
 
 def _work(
-    work: Callable[[Item, Say], Result], item: Item, count: int, spent_s: float, parent: int, sender: Connection
+    work: Callable[[Item, Say], Result],
+    items: Sequence[Item],
+    count: int,
+    spent_s: float,
+    parent: int,
+    asked: int,
+    sender: Connection,
+    known: Mapping[int, Any],
 ) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever began this process ends it
     _end_with(parent)
     begin_on_one_core(spent_s, count)
-    said: list[str] = []
-    try:
-        answer = (None, work(item, said.append), said)
-    except Exception as error:
-        answer = (error, None, said)
-    sender.send_bytes(pickle.dumps(answer))
+    while taken := os.read(asked, _INDEX.size):
+        (index,) = _INDEX.unpack(taken)
+        said: list[str] = []
+        try:
+            message = _packed((index, None, work(items[index], said.append), said), known)
+        except Exception as error:
+            message = _packed((index, error, None, said), known)
+        sender.send_bytes(message)
+    sender.close()
     os._exit(0)  # what the first process has not written yet is not written twice
+
+
+def _packed(answer: tuple[int, Exception | None, Any, list[str]], known: Mapping[int, Any]) -> bytes:
+    message = io.BytesIO()
+    _Sender(message, known).dump(answer)
+    return message.getvalue()
 
 
 def _end_with(parent: int) -> None:

@@ -12,8 +12,8 @@ from twin_daemon.diagnosis.shared import SharedSearch
 from twin_daemon.diagnosis.shared_cause import SharedCause
 from twin_daemon.effects import LIBRARY
 from twin_daemon.estimation.partition import Reduction
-from twin_daemon.executor import TimeLimit
 from twin_daemon.hand import load_hand
+from twin_daemon.processor_time import TimeLimit
 from twin_daemon.simulation.alignment import align
 from twin_daemon.simulation.submodel import drive_groups
 from twin_daemon.simulation.terms import EffectTerm, Terms

@@ -13,8 +13,9 @@ from pathlib import Path
 import pytest
 
 from twin_daemon.errors import BadInput
-from twin_daemon.executor import TimeLimit, thread_count
-from twin_daemon.processes import Say, side_by_side
+from twin_daemon.executor import side_by_side
+from twin_daemon.processes import Say
+from twin_daemon.processor_time import TimeLimit, thread_count
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes are forked on Linux alone")
 HERE = os.getpid()
@@ -122,7 +123,7 @@ def test_a_time_limit_counts_what_the_processes_do() -> None:
 
 _BEGIN_AND_SAY = """
 import os, time
-from twin_daemon.processes import side_by_side
+from twin_daemon.executor import side_by_side
 def work(n, say):
     os.write(1, b"begun\\n")
     time.sleep(60.0)

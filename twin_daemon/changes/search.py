@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from twin_daemon.changes.answer import Since
 from twin_daemon.changes.conclude import conclude
@@ -10,7 +10,9 @@ from twin_daemon.changes.group_search import Believed, GroupFound, Sessions, sea
 from twin_daemon.changes.quantities import quantities
 from twin_daemon.changes.thresholds import SPIKE
 from twin_daemon.estimation.partition import Reduced, Reduction
-from twin_daemon.executor import OutOfTime, TimeLimit, concurrently
+from twin_daemon.executor import side_by_side
+from twin_daemon.processes import Say
+from twin_daemon.processor_time import OutOfTime, TimeLimit
 from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.submodel import drive_groups
 from twin_daemon.simulation.twin import TwinModel
@@ -26,7 +28,7 @@ def changes_since(
     believed: Believed | None = None,
     spread: float = SPIKE,
     seed: int = 0,
-    stream: Callable[[str], None] | None = None,
+    stream: Say | None = None,
     limit: TimeLimit | None = None,
 ) -> Since:
     """What is another one in `now` than in `baseline`; where that is empty, than is `believed` of the twin's own.
@@ -42,23 +44,24 @@ def changes_since(
         moving = [name for name in moving if name in moved]
     reduction = Reduction(twin, baseline, [*now, *held]) if baseline else Reduction(twin, now, held)
     chosen = [(group, [name for name in moving if name in group.joints]) for group in drive_groups(twin)]
-    cut = [(group.name, reduction.of(twin, group, own)) for group, own in chosen if own]
-    usable = [(reduced, _sessions(reduced, baseline, now)) for _, reduced in cut if reduced is not None]
-    usable = [(reduced, sessions) for reduced, sessions in usable if sessions.now]
-    touching = [name for name, reduced in cut if reduced is None or reduced.name not in {r.name for r, _ in usable}]
+    chosen = [(group, own) for group, own in chosen if own]
+    cut = [reduced for reduced in reduction.each(twin, chosen) if reduced is not None]
+    usable = [(reduced, sessions) for reduced in cut if (sessions := _sessions(reduced, baseline, now)).now]
+    touching = [group.name for group, _ in chosen if group.name not in {reduced.name for reduced, _ in usable}]
     candidates = sum(q.wears for reduced, _ in usable for q in quantities(reduced.twin, reduced.joints))
     found: list[GroupFound] = []
     interrupted = False
 
-    def search(item: tuple[Reduced, Sessions]) -> GroupFound:
+    def search(item: tuple[Reduced, Sessions], tell: Say) -> GroupFound:
+        limit.check()
         one = search_group(item[0], item[1], candidates, believed, spread)
         named = ", ".join(one.quantities[i].name for i in one.changed) or "no change"
-        say(f"{', '.join(one.joints)}: {named}")
-        found.append(one)
+        tell(f"{', '.join(one.joints)}: {named}")
         return one
 
     try:
-        concurrently(limit.checked(search), usable)
+        for _, one in side_by_side(search, usable, say):
+            found.append(one)
     except (KeyboardInterrupt, OutOfTime):
         interrupted = True
     order = [reduced.name for reduced, _ in usable]

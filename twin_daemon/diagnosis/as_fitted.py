@@ -35,8 +35,12 @@ def closer(
 
 def looked_at_again(twin: TwinModel, reduction: Reduction, groups: Sequence[Reduced]) -> list[tuple[Reduced, PartFit]]:
     """Groups cut anew from a reduction, each with its fit; without those that touch something nearly all the time."""
-    again = [reduction.together(twin, [group]) for group in groups]
-    return concurrently(look, [reduced for reduced in again if reduced is not None])
+
+    def again(group: Reduced) -> tuple[Reduced, PartFit] | None:
+        reduced = reduction.together(twin, [group])
+        return None if reduced is None else look(reduced)
+
+    return [found for found in concurrently(again, groups) if found is not None]
 
 
 def as_fitted(twin: TwinModel, looked_at: Sequence[tuple[Reduced, PartFit]]) -> dict[str, float]:

@@ -17,9 +17,10 @@ from twin_daemon.diagnosis.verdict import Finding
 from twin_daemon.effects import LIBRARY
 from twin_daemon.estimation.nuisances import NOMINAL_KINDS
 from twin_daemon.estimation.partition import Reduced, Reduction
-from twin_daemon.executor import TimeLimit, concurrently
+from twin_daemon.executor import concurrently
 from twin_daemon.places import ROBOT
 from twin_daemon.processes import Say
+from twin_daemon.processor_time import TimeLimit
 from twin_daemon.simulation.terms import EffectTerm
 from twin_daemon.simulation.twin import TwinModel
 

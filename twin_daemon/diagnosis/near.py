@@ -42,9 +42,17 @@ def when_near(
     if not more:
         return reduction, []
     say(f"{', '.join(group.name for group, _ in more)}: once more, with the motion in which something only comes near")
-    again = [(nearer.together(twin, [group]), part) for group, part in more]
-    unforeseen = [reduced for reduced, part in again if reduced is not None and not _foresees(part, reduced)]
-    above = above_floor(concurrently(look, unforeseen), [], seed, say, seen=True)
+
+    def unforeseen(one: tuple[Reduced, PartFit]) -> tuple[Reduced, PartFit] | None:
+        group, part = one
+        # what uncertain starts do takes error away: it is asked for where the rest does not foresee the motion
+        reduced = nearer.together(twin, [group], start_errors=False)
+        if reduced is None or _foresees(part, reduced) or _foresees(part, reduced := reduced.with_start_errors()):
+            return None
+        return look(reduced)
+
+    again = [found for found in concurrently(unforeseen, more) if found is not None]
+    above = above_floor(again, [], seed, say, seen=True)
     found = {part.joints for _, part in above}
     outcomes[:] = [outcome for outcome in outcomes if outcome.joints not in found]
     return nearer, above

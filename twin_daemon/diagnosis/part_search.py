@@ -25,8 +25,8 @@ from twin_daemon.diagnosis.thresholds import (
 )
 from twin_daemon.diagnosis.validation import Validation, most_left
 from twin_daemon.estimation.partition import Reduced
-from twin_daemon.executor import OutOfTime, TimeLimit
 from twin_daemon.processes import Say
+from twin_daemon.processor_time import OutOfTime, TimeLimit
 
 
 def begun_outcome(reduced: Reduced, part: PartFit) -> Outcome:

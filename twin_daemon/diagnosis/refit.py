@@ -20,8 +20,9 @@ from twin_daemon.estimation.posterior import Posterior
 from twin_daemon.estimation.solvers.trust_region import Derivative, Descent, descend
 from twin_daemon.estimation.uncertainty import Estimate
 from twin_daemon.estimation.windows import segments
-from twin_daemon.executor import TimeLimit, concurrently
+from twin_daemon.executor import concurrently
 from twin_daemon.places import HAND, ROBOT
+from twin_daemon.processor_time import TimeLimit
 from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.submodel import Part, drive_groups, parts
 from twin_daemon.simulation.terms import EffectTerm

@@ -20,9 +20,10 @@ from twin_daemon.diagnosis.thresholds import MOST_EFFECTS
 from twin_daemon.diagnosis.unit_search import UnitSearch, units
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding
 from twin_daemon.estimation.partition import Reduced, Reduction
-from twin_daemon.executor import OutOfTime, TimeLimit, concurrently
+from twin_daemon.executor import concurrently
 from twin_daemon.places import ROBOT
 from twin_daemon.processes import Say
+from twin_daemon.processor_time import OutOfTime, TimeLimit
 from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.submodel import drive_groups
 from twin_daemon.simulation.twin import TwinModel
@@ -57,10 +58,10 @@ def diagnose(
     shared: Shared | None = None
     interrupted = False
     try:
-        chosen = [(g, [n for n in moving if n in g.joints]) for g in drive_groups(twin)]
-        cut = [(g.name, reduction.of(twin, g, own)) for g, own in chosen if own]
-        groups = [reduced for _, reduced in cut if reduced is not None]
-        left_out.touching = [name for name, reduced in cut if reduced is None]
+        chosen = [(g, own) for g in drive_groups(twin) if (own := [n for n in moving if n in g.joints])]
+        cut = reduction.each(twin, chosen)
+        groups = [reduced for reduced in cut if reduced is not None]
+        left_out.touching = [g.name for (g, _), reduced in zip(chosen, cut, strict=True) if reduced is None]
         left_out.cut(reduction, groups)
         begun = concurrently(at_nominal, groups)
         shared = of_all(twin, reduction, begun, limit, seed, say)

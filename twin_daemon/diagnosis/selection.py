@@ -30,8 +30,9 @@ from twin_daemon.diagnosis.thresholds import (
 )
 from twin_daemon.diagnosis.validation import Validation
 from twin_daemon.diagnosis.verdict import Trial
-from twin_daemon.executor import TimeLimit, concurrently
+from twin_daemon.executor import concurrently
 from twin_daemon.processes import Say
+from twin_daemon.processor_time import TimeLimit
 
 _TAKES_LITTLE = "takes little of what is left beyond the floor away"
 

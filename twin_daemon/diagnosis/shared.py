@@ -34,7 +34,8 @@ from twin_daemon.estimation.estimate import Estimate
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
 from twin_daemon.estimation.uncertainty import block_gain, inflation
-from twin_daemon.executor import TimeLimit, concurrently
+from twin_daemon.executor import concurrently
+from twin_daemon.processor_time import TimeLimit
 from twin_daemon.simulation.submodel import linked
 from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
@@ -244,9 +245,13 @@ class SharedSearch:
         cause, found = begun.cause, self.fitted(begun, limit)[0]
         twin = self._twin.changed(cause.terms(self._twin, found.values))
         reduction = self._reduction.following(twin)
-        cut = [reduction.together(twin, [reduced]) for reduced, _ in self._above]
-        begun_there = concurrently(at_nominal, [reduced for reduced in cut if reduced is not None])
-        there = SharedSearch(twin, reduction, begun_there)
+
+        def begun_there(group: Reduced) -> tuple[Reduced, PartFit] | None:
+            reduced = reduction.together(twin, [group])
+            return None if reduced is None else at_nominal(reduced)
+
+        groups = concurrently(begun_there, [reduced for reduced, _ in self._above])
+        there = SharedSearch(twin, reduction, [group for group in groups if group is not None])
         return (*there.fitted(there.at(cause, found.values), limit), there)
 
     def best(

@@ -27,9 +27,10 @@ from twin_daemon.diagnosis.verdict import Diagnosis, Finding, Step, VerdictName
 from twin_daemon.effects import LIBRARY
 from twin_daemon.errors import BadInput
 from twin_daemon.estimation.estimate import Estimate
-from twin_daemon.executor import TimeLimit
+from twin_daemon.executor import places, side_by_side
 from twin_daemon.places import HAND, ROBOT
-from twin_daemon.processes import Say, places, side_by_side
+from twin_daemon.processes import Say
+from twin_daemon.processor_time import TimeLimit
 from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.submodel import drive_groups, parts
 from twin_daemon.simulation.twin import TwinModel

@@ -14,8 +14,8 @@ from twin_daemon.diagnosis.part_search import PartSearch, Progress, begun_outcom
 from twin_daemon.diagnosis.screening import AskedBefore
 from twin_daemon.diagnosis.thresholds import GONE_FAR
 from twin_daemon.estimation.partition import Reduced, Reduction
-from twin_daemon.executor import TimeLimit
 from twin_daemon.processes import Say
+from twin_daemon.processor_time import TimeLimit
 from twin_daemon.simulation.submodel import linked
 from twin_daemon.simulation.twin import TwinModel
 

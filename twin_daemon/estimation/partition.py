@@ -19,6 +19,7 @@ from twin_daemon.estimation.thresholds import (
     MOST_PART_S,
 )
 from twin_daemon.estimation.windows import length_s, noise_travel, segments, spread
+from twin_daemon.executor import concurrently
 from twin_daemon.simulation.alignment import MOVING_RAD, Aligned, moving_joints
 from twin_daemon.simulation.contacts import touching_times
 from twin_daemon.simulation.link_masses import LinkPaths
@@ -37,6 +38,11 @@ class Reduced:
     twin: TwinModel
     train: tuple[Aligned, ...]
     holdout: tuple[Aligned, ...]
+
+    def with_start_errors(self) -> Reduced:
+        """The same with what the uncertain starts of its pieces do to it."""
+        train, holdout = (with_start_errors(self.twin, pieces, self.joints) for pieces in (self.train, self.holdout))
+        return replace(self, train=tuple(train), holdout=tuple(holdout))
 
 
 class Reduction:
@@ -67,21 +73,21 @@ class Reduction:
         *,
         least_s: float = LEAST_CLEAR_S,
         like: Reduced | None = None,
+        start_errors: bool = True,
     ) -> Reduced | None:
         """The part with its moving trunk, over the motion in which it touches nothing; None where that is too short.
 
         What uncertain starts do is taken from one cut `like` it, whose twin only has other values, where one is given.
+        Without `start_errors` it is left out, for who asks first whether anything is left at all.
 
         What the joints outside do to it while they move comes as torques along the measured motion.
 
         What a contact does hangs on surfaces and shapes that no model of a hand has right, so that it says little
         about the part.
         """
-        keep = {*joints, *(set(self.moving) & set(part.trunk))}
-        small = submodel(twin, with_coupled(twin, keep), self._usual)
+        small = submodel(twin, self._with_trunk(twin, part, joints), self._usual)
         recordings = (*self._train, *self._holdout)
-        left_out = np.array([name not in small.joints for name in twin.joints])
-        outside = bool((self._stirring & left_out).any())
+        outside = self._stir_outside(twin, small.joints)
         if outside and self._motions is None:
             self._smoothed(twin)
         cuts: list[Aligned] = []
@@ -103,17 +109,31 @@ class Reduction:
         clear = length_s(train) > least_s and enough_held
         if not clear:
             return None
-        if like is None:
-            both = (tuple(with_start_errors(small, cut, joints)) for cut in (train, holdout))
-        else:
+        reduced = Reduced(part.name, tuple(joints), small, tuple(train), tuple(holdout))
+        if like is not None:
             both = (tuple(map(_as_uncertain, *cut)) for cut in ((train, like.train), (holdout, like.holdout)))
-        return Reduced(part.name, tuple(joints), small, *both)
+            return Reduced(part.name, tuple(joints), small, *both)
+        return reduced.with_start_errors() if start_errors else reduced
 
-    def together(self, twin: TwinModel, groups: Sequence[Reduced]) -> Reduced | None:
+    def each(self, twin: TwinModel, groups: Sequence[tuple[Part, Sequence[str]]]) -> list[Reduced | None]:
+        """Some parts of a twin, as `of` cuts them."""
+        moves = any(self._stir_outside(twin, self._with_trunk(twin, *group)) for group in groups)
+        if moves and self._motions is None:
+            self._smoothed(twin)  # once, for all processes
+        return concurrently(lambda group: self.of(twin, *group), groups)
+
+    def _with_trunk(self, twin: TwinModel, part: Part, joints: Sequence[str]) -> tuple[str, ...]:
+        return with_coupled(twin, {*joints, *(set(self.moving) & set(part.trunk))})
+
+    def _stir_outside(self, twin: TwinModel, joints: Sequence[str]) -> bool:
+        """Whether any joint but these moves."""
+        return bool((self._stirring & ~np.isin(twin.joints, joints)).any())
+
+    def together(self, twin: TwinModel, groups: Sequence[Reduced], *, start_errors: bool = True) -> Reduced | None:
         """Groups as one part of a twin, which may be another than they were cut from."""
         own = {joint for group in groups for joint in group.joints}
         joints = tuple(joint for joint in twin.joints if joint in own)
-        return self.of(twin, Part(groups[0].name, joints, ()), joints)
+        return self.of(twin, Part(groups[0].name, joints, ()), joints, start_errors=start_errors)
 
     def anew(self, twin: TwinModel, group: Reduced) -> Reduced | None:
         """One group of a twin that only has other values than the one that it was cut from."""
@@ -175,7 +195,13 @@ class Reduction:
         return [replace(cut, reaction=replace(cut.reaction or Reaction(None), links=load)) for cut, load in both]
 
     def _smoothed(self, twin: TwinModel) -> Reduction:
-        self._motions = [measured_motion(twin, r, self._stirring) for r in (*self._train, *self._holdout)]
+        """The same with the measured motion and what the whole needs for it, for all parts."""
+
+        def needed(recording: Aligned) -> Needed:
+            return Needed(twin, measured_motion(twin, recording, self._stirring)).computed()
+
+        self._whole = concurrently(needed, (*self._train, *self._holdout))
+        self._motions = [one.motion for one in self._whole]
         return self
 
     def _needed(self, twin: TwinModel) -> list[Needed]:

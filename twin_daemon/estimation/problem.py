@@ -73,7 +73,7 @@ class Problem:
         self._links = [(i, v) for i, v in enumerate(self.variables) if isinstance(v, LinkVariable)]
         self._constants = any(ref.kind.constants for ref in self._refs.values())
         self._grids = [np.arange(int(np.ceil(r.time_s[-1] / twin.model.opt.timestep)) + 1) for r in recordings]
-        self._starts = [r.start_state(twin) for r in recordings]
+        self._starts = [tuple(part[None] for part in r.start_state(twin)) for r in recordings]
         weights = [np.isfinite(r.measured[:, self._columns]) for r in recordings]
         self._known = weights
         self._per_joint = np.maximum(sum(w.sum(axis=0) for w in weights), 1)
@@ -83,14 +83,16 @@ class Problem:
         self._told: dict[int, tuple[tuple[float, int], np.ndarray]] = {}
         self._felt: dict[int, tuple[Measurement, np.ndarray]] = {}
 
-    def beginning(self, recordings: Sequence[Aligned]) -> Problem:
-        """The same over the same recordings, which only begin elsewhere: what they are told and feel is kept.
+    def beginning(self, recordings: Sequence[Sequence[Aligned]]) -> Problem:
+        """The same over each recording with S starts, one for each of S points.
 
-        A joint that is never commanded holds where it began before.
+        They are the same recordings, which only begin elsewhere: what they are told and feel is kept, and a joint that
+        is never commanded holds where it began before.
         """
         other = copy.copy(self)
-        other.recordings, other._last = tuple(recordings), None
-        other._starts = [r.start_state(self.twin) for r in recordings]
+        other._last = None
+        states = [[r.start_state(self.twin) for r in begun] for begun in recordings]
+        other._starts = [(np.array([q for q, _ in each]), np.array([v for _, v in each])) for each in states]
         return other
 
     # -- points --------------------------------------------------------------------------------------------
@@ -207,14 +209,14 @@ class Problem:
         qpos, qvel = self._starts[index]
         own = self.twin.measurement
         if all(measurement == own for measurement in measurements):
-            return qpos[None], qvel[None]
+            return qpos, qvel
         seen = self.recordings[index].start_position
         known = np.isfinite(seen)
-        starts = np.repeat(qpos[None], len(measurements), axis=0)
+        starts = np.array(np.broadcast_to(qpos, (len(measurements), qpos.shape[1])))
         for start, measurement in zip(starts, measurements, strict=True):
             moved = measurement.invert(self.twin.joints, seen) - own.invert(self.twin.joints, seen)
             start[self.twin.qpos_adr[known]] += moved[known]
-        return starts, qvel[None]
+        return starts, qvel
 
     def _applied(
         self, index: int, grid: np.ndarray, measurements: Sequence[Measurement], points: np.ndarray

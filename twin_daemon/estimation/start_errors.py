@@ -46,17 +46,14 @@ def with_start_errors(twin: TwinModel, pieces: Sequence[Aligned], joints: Sequen
     if not chosen:
         return list(pieces)
     shown = [pieces[index] for index in chosen]
-    nothing = np.zeros((1, 0))
-    problem = Problem(twin, shown, (), joints, threads=1)
-    before = problem.predict(nothing)
-    responses = [np.zeros((2 * len(joints), len(piece.time_s), len(twin.joints))) for piece in shown]
-    for number, (order, column) in enumerate((order, column) for order in range(2) for column in columns):
-        moved = problem.beginning([_moved(piece, order, column) for piece in shown]).predict(nothing)
-        for response, after, was in zip(responses, moved, before, strict=True):
-            response[number][:, columns] = np.nan_to_num(after[0] - was[0])
+    moves = [(order, column) for order in range(2) for column in columns]
+    begun = [[piece, *(_moved(piece, *move) for move in moves)] for piece in shown]
+    read = Problem(twin, shown, (), joints).beginning(begun).predict(np.zeros((1 + len(moves), 0)))
     out = list(pieces)
-    for index, response in zip(chosen, responses, strict=True):
-        out[index] = replace(pieces[index], start_response=response)
+    for index, piece, after in zip(chosen, shown, read, strict=True):
+        response = np.zeros((len(moves), len(piece.time_s), len(twin.joints)))
+        response[:, :, columns] = np.nan_to_num(after[1:] - after[:1])
+        out[index] = replace(piece, start_response=response)
     return out
 
 

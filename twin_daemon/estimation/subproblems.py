@@ -18,7 +18,8 @@ from twin_daemon.estimation.solvers import Search
 from twin_daemon.estimation.solvers.tracker import BudgetSpent, Progress, Tracker
 from twin_daemon.estimation.thresholds import CONTACT_POSES, ONSET_REACH_S
 from twin_daemon.estimation.variables import EffectVariable, OnsetVariable, Variable
-from twin_daemon.processes import Say, places, side_by_side
+from twin_daemon.executor import places, side_by_side
+from twin_daemon.processes import Say
 from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.contacts import touching_parts
 from twin_daemon.simulation.submodel import Part, parts, submodel, with_coupled

@@ -17,8 +17,8 @@ from twin_daemon.effects.from_files import native as native_form
 from twin_daemon.errors import BadInput
 from twin_daemon.estimation.partition import Reduction
 from twin_daemon.estimation.thresholds import Z95
-from twin_daemon.executor import TimeLimit
 from twin_daemon.processes import Say
+from twin_daemon.processor_time import TimeLimit
 from twin_daemon.proposals.formula import formulas
 from twin_daemon.proposals.proposal import Curve, Native, Nearest, Proposal, Proposals, Rival, Value
 from twin_daemon.proposals.refit import RefittedLaw, refitted

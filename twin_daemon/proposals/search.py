@@ -15,8 +15,9 @@ from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
 from twin_daemon.estimation.uncertainty import block_gain, block_samples, sample_squares
 from twin_daemon.estimation.variables import OnsetVariable, Variable
 from twin_daemon.estimation.windows import spread
-from twin_daemon.executor import TimeLimit, concurrently
+from twin_daemon.executor import concurrently
 from twin_daemon.processes import Say
+from twin_daemon.processor_time import TimeLimit
 from twin_daemon.proposals.descent import Linear, Reached, columns, cross_validated, folds, gauss_newton
 from twin_daemon.proposals.features import OF_NEIGHBOURS, Feature, features
 from twin_daemon.proposals.law_problem import LawProblem

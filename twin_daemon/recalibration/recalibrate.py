@@ -11,7 +11,7 @@ from twin_daemon.diagnosis.stepwise import Ladder, stepwise
 from twin_daemon.estimation.solvers.tracker import Progress
 from twin_daemon.estimation.uncertainty import Estimate
 from twin_daemon.estimation.variables import Remembered
-from twin_daemon.executor import TimeLimit
+from twin_daemon.processor_time import TimeLimit
 from twin_daemon.recalibration.decide import Decision, decide
 from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.twin import TwinModel

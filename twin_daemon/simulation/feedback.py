@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from mujoco import batch
 
-from twin_daemon.executor import thread_count
+from twin_daemon.processor_time import thread_count
 from twin_daemon.simulation.rollout import place_in_state
 
 Torque = Callable[[int, np.ndarray, np.ndarray, np.ndarray], np.ndarray]

@@ -14,7 +14,8 @@ from functools import cached_property
 
 import mujoco
 import numpy as np
-from scipy.signal import oaconvolve, savgol_coeffs, savgol_filter
+from numpy.polynomial import Polynomial
+from scipy.signal import oaconvolve, savgol_coeffs
 
 from twin_daemon.effects.base import Measurement
 from twin_daemon.simulation.alignment import Aligned, predict
@@ -87,10 +88,22 @@ def measured_motion(twin: TwinModel, recording: Aligned, stirring: np.ndarray) -
         for order in range(3):
             position[order, :, joint] = own[order][:, joint]
             if samples >= 5:
-                position[order, :, joint] += np.asarray(savgol_filter(missed, samples, 3, deriv=order, delta=dt))
+                position[order, :, joint] += _smoothed(missed, samples, order, dt)
         if samples < 5:
             position[0, :, joint] += missed
     return Motion(grid, *position)
+
+
+def _smoothed(values: np.ndarray, samples: int, order: int, step_s: float) -> np.ndarray:
+    """(m,) a derivative of values (m,) by the cubics that are nearest to `samples` of them about each.
+
+    As `scipy.signal.savgol_filter`, whose cost grows with the window: here it spans thousands of values.
+    """
+    half = samples // 2
+    inside = oaconvolve(values, savgol_coeffs(samples, 3, deriv=order, delta=step_s), "valid")
+    time_s = (np.arange(samples) - half) * step_s
+    begin, end = (Polynomial.fit(time_s, part, 3).deriv(order) for part in (values[:samples], values[-samples:]))
+    return np.concatenate([begin(time_s[:half]), inside, end(time_s[half + 1 :])])
 
 
 def _window_s(time_s: np.ndarray, missed: np.ndarray, grid: np.ndarray, least_s: float) -> float:
@@ -168,6 +181,11 @@ class Needed:
     def torque(self) -> Blocks:
         """(m, nv) generalised forces."""
         return Blocks(len(self.motion.time_s), self._computed)
+
+    def computed(self) -> Needed:
+        """The same with the torques along the whole motion: a block at a time is for who needs few."""
+        self.torque(slice(0, len(self.motion.time_s)))
+        return self
 
     def _computed(self, rows: slice) -> np.ndarray:
         return _inverse(self.twin, self.motion.at(rows), range(len(self.twin.joints)))

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from mujoco import batch
 
-from twin_daemon.executor import thread_count
+from twin_daemon.processor_time import thread_count
 from twin_daemon.simulation.turns import Bent
 
 # A chunk of simulations keeps its controls and positions in memory at once; this bounds both.

@@ -122,6 +122,15 @@ def submodel(twin: TwinModel, keep: tuple[str, ...], position: np.ndarray, *, co
     Without `contacts` there are no geoms: for motions in which nothing touches. The terms of joints and
     commands that are gone are dropped.
     """
+    reduced = _without_terms(twin, keep, position, contacts)
+    names = {reduced.place(n).target for n in (*reduced.joints, *reduced.actuators)}
+    bodies = {reduced.model.body(i).name for i in range(1, reduced.model.nbody)}
+    parameters = {n: v for n, v in twin.terms.parameters.items() if n.rpartition(".")[0] in names | bodies}
+    effects = tuple(t for t in twin.terms.effects if t.target in names or t.target == "hand")
+    return reduced.changed(Terms(parameters=parameters, effects=effects))
+
+
+def _without_terms(twin: TwinModel, keep: tuple[str, ...], position: np.ndarray, contacts: bool) -> TwinModel:
     spec = twin.nominal.copy()
     joints = {name: info.joint for name, info in twin.hand.description.joints.items() if name in twin.joints}
     kept = {joints[name] for name in keep}
@@ -143,11 +152,8 @@ def submodel(twin: TwinModel, keep: tuple[str, ...], position: np.ndarray, *, co
     description = twin.hand.description
     smaller = description.model_copy(update={"joints": {n: description.joints[n] for n in twin.joints if n in keep}})
     reduced = TwinModel(Hand(smaller, twin.hand.model_path), spec, Terms())
-    names = {reduced.place(n).target for n in (*reduced.joints, *reduced.actuators)}
-    bodies = {reduced.model.body(i).name for i in range(1, reduced.model.nbody)}
-    parameters = {n: v for n, v in twin.terms.parameters.items() if n.rpartition(".")[0] in names | bodies}
-    effects = tuple(t for t in twin.terms.effects if t.target in names or t.target == "hand")
-    return reduced.changed(Terms(parameters=parameters, effects=effects))
+    reduced.made_by = _without_terms, (twin, keep, position, contacts)
+    return reduced
 
 
 def _delete_actuators(spec: Any, twin: TwinModel, kept: set[str]) -> None:

@@ -17,6 +17,7 @@ from twin_daemon.errors import BadInput, nearest
 from twin_daemon.hand.description import Hand
 from twin_daemon.hand.naming import match
 from twin_daemon.places import HAND, ROBOT
+from twin_daemon.processes import never_changes
 from twin_daemon.simulation.parameters import KINDS, ParameterKind
 from twin_daemon.simulation.radians import in_radians
 from twin_daemon.simulation.selfcontained import inline_meshes
@@ -40,6 +41,7 @@ class ParameterRef:
         self.kind.write(model, self.id, value)
 
 
+@never_changes
 class TwinModel:
     """A compiled twin.
 
@@ -47,6 +49,7 @@ class TwinModel:
     and `dof_adr` (j,) are where they live. `actuators` (nu,) is the command name of each actuator. `nominal`
     is the MjSpec without terms, which twins share and nobody edits; `base_model` the compiled one with parameters
     and without effects. `terms` are those given, with what is at the whole robot written out for each servo.
+    `made_by` is the function and arguments that make the same twin from another one, bit by bit, where there is one.
     """
 
     def __init__(
@@ -55,6 +58,7 @@ class TwinModel:
         """`compiled` is a copy of `nominal` that has been compiled and its model, where another twin has them."""
         self.hand = hand
         self.nominal = nominal
+        self.made_by: tuple[Callable[..., TwinModel], tuple[Any, ...]] | None = None
         try:
             # effects edit a spec that was compiled: until then it does not say what its defaults come to
             self._compiled = compiled or _copied_and_compiled(nominal)
@@ -114,13 +118,17 @@ class TwinModel:
 
     def changed(self, terms: Terms) -> TwinModel:
         """Another twin of the same hand: the same nominal model with other terms."""
-        return TwinModel(self.hand, self.nominal, terms, self._compiled)
+        other = TwinModel(self.hand, self.nominal, terms, self._compiled)
+        other.made_by = TwinModel.changed, (self, terms)
+        return other
 
     def at_step(self, step_s: float) -> TwinModel:
         """The same twin at another time step."""
         nominal = self.nominal.copy()
         nominal.option.timestep = step_s
-        return TwinModel(self.hand, nominal, self.terms)
+        other = TwinModel(self.hand, nominal, self.terms)
+        other.made_by = TwinModel.at_step, (self, step_s)
+        return other
 
     # -- names ---------------------------------------------------------------------------------------------
 

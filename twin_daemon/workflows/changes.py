@@ -97,7 +97,7 @@ def diagnosed_since(
     """(what the command writes, the same as values)."""
     from twin_daemon.changes.search import changes_since
     from twin_daemon.changes.thresholds import SPIKE
-    from twin_daemon.executor import TimeLimit
+    from twin_daemon.processor_time import TimeLimit
     from twin_daemon.versions.spread import spread_between_sessions
     from twin_daemon.workflows.diagnosis import ended_early, joint_names, read_from
     from twin_daemon.workflows.progress import streaming

@@ -121,7 +121,7 @@ def diagnosed(
     """The diagnosis, each candidate on standard error as soon as it is judged."""
     from twin_daemon.diagnosis.search import diagnose
     from twin_daemon.diagnosis.thresholds import MOST_EFFECTS
-    from twin_daemon.executor import TimeLimit
+    from twin_daemon.processor_time import TimeLimit
 
     most = MOST_EFFECTS if most_effects is None else most_effects
     with streaming() as say:

@@ -8,7 +8,8 @@ import numpy as np
 
 from twin_daemon.estimation.problem import Problem
 from twin_daemon.estimation.variables import Variable
-from twin_daemon.executor import TimeLimit, in_pieces
+from twin_daemon.executor import in_pieces
+from twin_daemon.processor_time import TimeLimit
 
 Progress = Callable[[int, float], None]
 """Called after each batch with (evaluations so far, best mse in rad^2 so far)."""
