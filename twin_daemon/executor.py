@@ -11,7 +11,7 @@ import itertools
 import socket
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextvars import ContextVar
 from typing import Any, Protocol, TypeVar
@@ -153,7 +153,9 @@ def _processes(count: int) -> int:
     return min(thread_count(), count) if forks else 1
 
 
-def side_by_side(work: Callable[[Item, Say], Result], items: Sequence[Item], say: Say) -> Iterator[tuple[int, Result]]:
+def side_by_side(
+    work: Callable[[Item, Say], Result], items: Sequence[Item], say: Say
+) -> Generator[tuple[int, Result], None, None]:
     """(index, work(item, say)) for each item, as they end, in as many processes as there are `places`.
 
     What the work raises is raised here. What one of several says is told when it has ended.
@@ -166,6 +168,11 @@ def side_by_side(work: Callable[[Item, Say], Result], items: Sequence[Item], say
 def concurrently(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
     """[work(item) for item in items], in order, wherever work runs now."""
     return _executor.get().each(work, list(items))
+
+
+def concurrently_here(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
+    """As `concurrently`, always on this machine: for work that would take longer to send than to do."""
+    return Cores().each(work, list(items))
 
 
 def in_pieces(work: Callable[[np.ndarray], np.ndarray], rows: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ from twin_daemon.diagnosis.group import look
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.estimation.nuisances import factors
 from twin_daemon.estimation.partition import Reduced, Reduction
-from twin_daemon.executor import concurrently
+from twin_daemon.executor import concurrently_here
 from twin_daemon.simulation.twin import TwinModel
 
 
@@ -40,7 +40,7 @@ def looked_at_again(twin: TwinModel, reduction: Reduction, groups: Sequence[Redu
         reduced = reduction.together(twin, [group])
         return None if reduced is None else look(reduced)
 
-    return [found for found in concurrently(again, groups) if found is not None]
+    return [found for found in concurrently_here(again, groups) if found is not None]
 
 
 def as_fitted(twin: TwinModel, looked_at: Sequence[tuple[Reduced, PartFit]]) -> dict[str, float]:

@@ -280,6 +280,7 @@ def _finding(accepted: Accepted, unknown: float) -> Finding:
             for motion in judged.motions
         ),
         confusable_with=tuple(rival.hypothesis.name for rival in accepted.rivals),
+        rivals=tuple(rival.hypothesis.term(rival.fit.values) for rival in accepted.rivals),
         probability=(1.0 - unknown) * accepted.posterior[hypothesis.name],
         explanation=effect.story.explanation,
     )

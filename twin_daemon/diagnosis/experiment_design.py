@@ -24,13 +24,14 @@ from twin_daemon.diagnosis.verdict import Diagnosis, Experiment, Finding
 from twin_daemon.effects import LIBRARY
 from twin_daemon.errors import BadInput
 from twin_daemon.estimation.floor import floor_variance
+from twin_daemon.executor import concurrently
 from twin_daemon.hand.description import Hand
 from twin_daemon.places import ROBOT
 from twin_daemon.signals.commands import CommandSignal
 from twin_daemon.signals.trajectory import Trajectory, allowed_range, load_trajectory, save_trajectory
 from twin_daemon.simulation.alignment import Aligned, resample
 from twin_daemon.simulation.rollout import roll_out
-from twin_daemon.simulation.terms import Terms
+from twin_daemon.simulation.terms import EffectTerm, Terms
 from twin_daemon.simulation.twin import TwinModel
 
 Waypoints = list[tuple[float, float]]
@@ -109,14 +110,12 @@ def _separating(
     for other in found.findings:
         if other is not doubtful:
             base = base.with_effect(other.term)
+    fitted = {f"{term.effect}:{term.target}": term for term in doubtful.rivals}
     candidates = {doubtful.name: base.with_effect(doubtful.term)}
     for name in doubtful.confusable_with[:MOST_RIVALS]:
-        key, _, target = name.partition(":")
-        try:
-            refit = refit_effect(twin.changed(base), train, LIBRARY[key], [target], {})
-        except BadInput:
-            continue
-        candidates[name] = base.with_effect(refit.terms[0])
+        term = fitted.get(name) or _refitted(twin.changed(base), train, name)
+        if term is not None:
+            candidates[name] = base.with_effect(term)
     commands = _commands(twin, doubtful.joints)
     if doubtful.target == ROBOT:
         commands = commands[:FEW_COMMANDS]  # what all servos have alike shows at a few of them
@@ -125,7 +124,8 @@ def _separating(
     motions = {name: motion(twin.hand, commands, make(), name) for name, make in FAMILY.items()}
     moved = {joint for command in commands for joint in twin.joints_of(command)}
     measured = [name for name in doubtful.joints if name in moved]  # a pair's command stands among them
-    differences = {name: expected_difference(twin, candidates, m, measured) for name, m in motions.items()}
+    apart = concurrently(lambda m: expected_difference(twin, candidates, m, measured), motions.values())
+    differences = dict(zip(motions, apart, strict=True))
     best = max(differences, key=lambda name: differences[name])
     title = f"{doubtful.effect}_or_{'_or_'.join(n.partition(':')[0] for n in list(candidates)[1:])}"
     path, reference = _written(motions[best], f"{title}_at_{doubtful.target}", folder, twin.hand)
@@ -142,6 +142,15 @@ def _separating(
         f"{1e3 * differences[best]:.1f} mrad rms, {over:.0f} times what a right model leaves"
         + ("" if over > TELLING else "; that is little, so a known load or another pose may be needed"),
     )
+
+
+def _refitted(twin: TwinModel, train: Sequence[Aligned], name: str) -> EffectTerm | None:
+    """What may be there instead, fitted to the recordings; None where it cannot act."""
+    key, _, target = name.partition(":")
+    try:
+        return refit_effect(twin, train, LIBRARY[key], [target], {}).terms[0]
+    except BadInput:
+        return None
 
 
 def _general(hand: Hand, commands: Sequence[str], folder: Path) -> Experiment | None:

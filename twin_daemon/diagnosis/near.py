@@ -13,7 +13,7 @@ from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.thresholds import CLOSER_LOOK
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.estimation.thresholds import LEAST_CLEAR_S
-from twin_daemon.executor import concurrently
+from twin_daemon.executor import concurrently_here
 from twin_daemon.processes import Say
 from twin_daemon.simulation.twin import TwinModel
 
@@ -51,7 +51,7 @@ def when_near(
             return None
         return look(reduced)
 
-    again = [found for found in concurrently(unforeseen, more) if found is not None]
+    again = [found for found in concurrently_here(unforeseen, more) if found is not None]
     above = above_floor(again, [], seed, say, seen=True)
     found = {part.joints for _, part in above}
     outcomes[:] = [outcome for outcome in outcomes if outcome.joints not in found]

@@ -34,7 +34,7 @@ from twin_daemon.estimation.estimate import Estimate
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
 from twin_daemon.estimation.uncertainty import block_gain, inflation
-from twin_daemon.executor import concurrently
+from twin_daemon.executor import concurrently, concurrently_here
 from twin_daemon.processor_time import TimeLimit
 from twin_daemon.simulation.submodel import linked
 from twin_daemon.simulation.terms import Terms
@@ -250,7 +250,7 @@ class SharedSearch:
             reduced = reduction.together(twin, [group])
             return None if reduced is None else at_nominal(reduced)
 
-        groups = concurrently(begun_there, [reduced for reduced, _ in self._above])
+        groups = concurrently_here(begun_there, [reduced for reduced, _ in self._above])
         there = SharedSearch(twin, reduction, [group for group in groups if group is not None])
         return (*there.fitted(there.at(cause, found.values), limit), there)
 

@@ -82,6 +82,8 @@ class Finding(_Said):
     """The same of each recording that judged it: the worst of them decides whether the effect is right."""
     confusable_with: tuple[str, ...]
     """What it may be instead, as `effect:place`."""
+    rivals: tuple[EffectTerm, ...] = ()
+    """The same with the values that were fitted, where each was fitted by itself."""
     explanation: str
     """The finding in a sentence."""
     probability: float | None = None

@@ -19,7 +19,7 @@ from twin_daemon.estimation.thresholds import (
     MOST_PART_S,
 )
 from twin_daemon.estimation.windows import length_s, noise_travel, segments, spread
-from twin_daemon.executor import concurrently
+from twin_daemon.executor import concurrently_here
 from twin_daemon.simulation.alignment import MOVING_RAD, Aligned, moving_joints
 from twin_daemon.simulation.contacts import touching_times
 from twin_daemon.simulation.link_masses import LinkPaths
@@ -120,7 +120,7 @@ class Reduction:
         moves = any(self._stir_outside(twin, self._with_trunk(twin, *group)) for group in groups)
         if moves and self._motions is None:
             self._smoothed(twin)  # once, for all processes
-        return concurrently(lambda group: self.of(twin, *group), groups)
+        return concurrently_here(lambda group: self.of(twin, *group), groups)
 
     def _with_trunk(self, twin: TwinModel, part: Part, joints: Sequence[str]) -> tuple[str, ...]:
         return with_coupled(twin, {*joints, *(set(self.moving) & set(part.trunk))})
@@ -200,7 +200,7 @@ class Reduction:
         def needed(recording: Aligned) -> Needed:
             return Needed(twin, measured_motion(twin, recording, self._stirring)).computed()
 
-        self._whole = concurrently(needed, (*self._train, *self._holdout))
+        self._whole = concurrently_here(needed, (*self._train, *self._holdout))
         self._motions = [one.motion for one in self._whole]
         return self
 
