@@ -30,7 +30,7 @@ from twin_daemon.diagnosis.thresholds import (
 )
 from twin_daemon.diagnosis.validation import Validation
 from twin_daemon.diagnosis.verdict import Trial
-from twin_daemon.executor import concurrently
+from twin_daemon.executor import concurrently, concurrently_here
 from twin_daemon.processes import Say
 from twin_daemon.processor_time import TimeLimit
 
@@ -97,10 +97,10 @@ def next_effect(
     rivals: list[Accepted] = []
     others: list[Accepted] = []
     best_evidence = 0.0
-    for evidence, fit in fits:
+    held_out = concurrently_here(validation.judge, [fit for _, fit in fits])
+    for (evidence, fit), judged in zip(fits, held_out, strict=True):
         hypothesis = fit.hypothesis
         assert hypothesis is not None
-        judged = validation.judge(fit)
         reason = None
         if evidence <= DECISIVE_NATS:
             reason = "adds less evidence than its parameters cost"
@@ -191,13 +191,14 @@ def _limits_of(part: PartFit, screening: Screening, laws: Sequence[Fit]) -> list
     fitted = {_named(law) for law in laws}
     asked = [hypothesis for hypothesis in screening.candidates if hypothesis.name not in fitted]
     pairs = [(h, law) for law in laws for h in asked if law.hypothesis and h.is_limit_of(law.hypothesis)]
-    found = []
-    for hypothesis, law in pairs:
-        values = hypothesis.effect.as_limit_of(law.values)
-        begun = hypothesis.starting((values, *hypothesis.starts))
+
+    def fitted_from(pair: tuple[Hypothesis, Fit]) -> Fit:
+        hypothesis, law = pair
+        begun = hypothesis.starting((hypothesis.effect.as_limit_of(law.values), *hypothesis.starts))
         problem = part.problem_with((begun, begun.starts[0]))
-        found.append(part.ended(begun, problem, problem.start_from(law.nuisances), FULL_FIT_ROLLOUTS))
-    return found
+        return part.ended(begun, problem, problem.start_from(law.nuisances), FULL_FIT_ROLLOUTS)
+
+    return concurrently_here(fitted_from, pairs)
 
 
 def _lost(
