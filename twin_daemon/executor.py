@@ -13,7 +13,7 @@ import sys
 import threading
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
-from contextvars import ContextVar
+from contextvars import ContextVar, copy_context
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -53,7 +53,7 @@ class Cores:
             found = dict(in_processes(lambda item, _: work(item), items, lambda _: None, count))
             return [found[index] for index in range(len(items))]
         with ThreadPoolExecutor(max_workers=thread_count()) as pool:
-            waiting = [pool.submit(work, item) for item in items]
+            waiting = [pool.submit(copy_context().run, work, item) for item in items]
             try:
                 return [future.result() for future in waiting]
             except BaseException:

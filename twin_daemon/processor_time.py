@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -70,6 +72,15 @@ class TimeLimit:
             or time.monotonic() - self._begun_at_s > share * self._wall_s
         )
 
+    @contextlib.contextmanager
+    def enforced(self) -> Iterator[None]:
+        """While this lasts, every roll-out of a fit raises OutOfTime instead of beginning when it is over."""
+        token = _enforced.set(self)
+        try:
+            yield
+        finally:
+            _enforced.reset(token)
+
     def __reduce__(self) -> tuple[type[TimeLimit], tuple[()]]:
         return TimeLimit, ()
 
@@ -86,3 +97,13 @@ class TimeLimit:
         """Raises OutOfTime where it is over."""
         if self.over():
             raise OutOfTime
+
+
+_enforced: ContextVar[TimeLimit | None] = ContextVar("enforced", default=None)
+
+
+def check_time() -> None:
+    """Raises OutOfTime where the limit that is enforced here is over."""
+    limit = _enforced.get()
+    if limit is not None:
+        limit.check()

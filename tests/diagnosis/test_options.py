@@ -4,10 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.diagnosis.conftest import JOINT, called
 from twin_daemon.cli.app import main
+from twin_daemon.diagnosis.search import diagnose
+from twin_daemon.estimation.problem import Problem
+from twin_daemon.executor import concurrently
+from twin_daemon.processor_time import OutOfTime, TimeLimit
+from twin_daemon.recordings.load import load_recording
+from twin_daemon.simulation.alignment import align
+from twin_daemon.simulation.twin import TwinModel
 
 
 def test_an_error_that_is_tolerated_is_no_finding(misread: tuple[Path, Path], tmp_path: Path) -> None:
@@ -26,6 +34,39 @@ def test_time_that_is_over_is_said_with_what_is_known(misread: tuple[Path, Path]
     assert "not searched to the end" in said["reason"]
     assert JOINT in said["reason"]
     assert said["probabilities"] == []  # nobody knows how probable a law is that has not been asked for
+
+
+class _Ending(TimeLimit):
+    """A limit that is over when somebody says so."""
+
+    ended = False
+
+    def over(self, share: float = 1.0) -> bool:
+        return self.ended
+
+
+def test_what_was_found_before_time_was_over_is_in_the_answer(misread: tuple[Path, Path], twin: TwinModel) -> None:
+    fitted, held = (align(twin, load_recording(path)) for path in misread)
+    limit = _Ending()
+
+    def say(line: str) -> None:
+        limit.ended = limit.ended or line.startswith("  with ")  # the effect has been accepted
+
+    found = diagnose(twin, [fitted], [held], joints=[JOINT], stream=say, limit=limit)
+    assert limit.ended
+    assert [f.effect for f in found.findings] == ["sensor_gain"]
+
+
+def test_a_limit_that_is_enforced_ends_what_rolls_out(twin: TwinModel, misread: tuple[Path, Path]) -> None:
+    problem = Problem(twin, [align(twin, load_recording(misread[0]))], (), [JOINT])
+    limit = _Ending()
+    with limit.enforced():
+        (before,) = problem.predict(np.zeros((1, 0)))
+        limit.ended = True
+        with pytest.raises(OutOfTime):
+            concurrently(lambda n: problem.predict(np.zeros((n, 0))), [2, 3])
+    (after,) = problem.predict(np.zeros((2, 0)))
+    assert np.array_equal(before[0], after[1])
 
 
 @pytest.mark.slow

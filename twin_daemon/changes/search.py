@@ -60,8 +60,9 @@ def changes_since(
         return one
 
     try:
-        for _, one in side_by_side(search, usable, say):
-            found.append(one)
+        with limit.enforced():
+            for _, one in side_by_side(search, usable, say):
+                found.append(one)
     except (KeyboardInterrupt, OutOfTime):
         interrupted = True
     order = [reduced.name for reduced, _ in usable]

@@ -140,8 +140,8 @@ class PartSearch:
         where it does not promise to leave much less, and has to leave no more than it `may_leave` (k,) floors.
         """
         outcome = progress.outcome
-        while not progress.ended and len(outcome.accepted) < most_effects:
-            try:
+        try:
+            while not progress.ended and len(outcome.accepted) < most_effects:
                 self.limit.check()
                 if step is None:
                     step = next_effect(
@@ -153,19 +153,18 @@ class PartSearch:
                         against=against,
                         before=None if outcome.accepted else self.before,
                     )
-            except OutOfTime:
-                outcome.unfinished = True
+                if step is None or _is_refinement(self.part, progress.part, step.fit, outcome, enough=progress.enough):
+                    progress.ended = True
+                    break
+                part, validation, left = self._with(step, outcome, progress.validation)
+                enough = outcome.left <= 1.0 and bool((left <= may_leave).all())
+                # a nuisance that is far off may be another effect at work
+                progress = Progress(outcome, part, validation, left, enough, ended=enough and not outcome.deviating)
                 step = None
-            if step is None or _is_refinement(self.part, progress.part, step.fit, outcome, enough=progress.enough):
-                progress.ended = True
-                break
-            part, validation, left = self._with(step, outcome, progress.validation)
-            enough = outcome.left <= 1.0 and bool((left <= may_leave).all())
-            # a nuisance that is far off may be another effect at work
-            progress = Progress(outcome, part, validation, left, enough, ended=enough and not outcome.deviating)
-            step = None
-        if outcome.accepted:
-            outcome.deviating = needed(progress.part, self._most_left)
+            if outcome.accepted:
+                outcome.deviating = needed(progress.part, self._most_left)
+        except OutOfTime:
+            outcome.unfinished = progress.ended = True
         return progress
 
     def _with(self, step: Accepted, outcome: Outcome, validation: Validation) -> tuple[PartFit, Validation, np.ndarray]:

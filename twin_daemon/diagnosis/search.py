@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -58,58 +59,60 @@ def diagnose(
     shared: Shared | None = None
     interrupted = False
     try:
-        chosen = [(g, own) for g in drive_groups(twin) if (own := [n for n in moving if n in g.joints])]
-        cut = reduction.each(twin, chosen)
-        groups = [reduced for reduced in cut if reduced is not None]
-        left_out.touching = [g.name for (g, _), reduced in zip(chosen, cut, strict=True) if reduced is None]
-        left_out.cut(reduction, groups)
-        begun = concurrently(at_nominal, groups)
-        shared = of_all(twin, reduction, begun, limit, seed, say)
-        looked_at = [] if shared else concurrently(_looked_at, begun)
-        late = common_delay([part for _, part in looked_at if part.within_floor])
-        if late is not None:
-            reduction = reduction.delayed(late.by_recording)
-        behind = [one for one in looked_at if late is not None and one[1] in late.late]
-        above = behind + above_floor([one for one in looked_at if one not in behind], outcomes, seed, say)
-        if above and (behind or links_uncertain(twin) or reduction.carries):
-            reduction, again = closer(twin, reduction, looked_at, above)
-            above = above_floor(again, outcomes, seed, say)
-        else:
-            above = [look(reduced) if part.nominal else (reduced, part) for reduced, part in above]
-        if len(above) > 1:
-            shared = behind_all(twin, reduction, above, len(looked_at), limit, seed, say)
-        elif not above and shared is None:
-            shared = in_common(twin, reduction, looked_at, limit, seed, say)
-        if not above and shared is None:
-            reduction, above = when_near(twin, reduction, looked_at, outcomes, seed, say)
+        with contextlib.ExitStack() as stack:
+            chosen = [(g, own) for g in drive_groups(twin) if (own := [n for n in moving if n in g.joints])]
+            cut = reduction.each(twin, chosen)
+            groups = [reduced for reduced in cut if reduced is not None]
+            left_out.touching = [g.name for (g, _), reduced in zip(chosen, cut, strict=True) if reduced is None]
             left_out.cut(reduction, groups)
-            left_out.near = [reduced.name for reduced, _ in above]
-        while shared is not None:
-            theirs = {part.joints for _, part in shared.looked_at}
-            outcomes = [outcome for outcome in outcomes if outcome.joints not in theirs]
-            for reduced, part in shared.looked_at:
-                outcomes.append(replace(begun_outcome(reduced, part), within_floor=True))
-            groups = [group for group in groups if group.joints not in theirs]
-            finding, above = at_all(shared.finding, groups, outcomes, seed, say)
-            findings.append(finding)
-            causes.append(shared.posterior)
-            if finding.target != ROBOT:
-                break
-            # beside what all have some may have something of their own, which several feel
-            twin = twin.changed(shared.terms)
-            looked_at = [*shared.looked_at, *above]
-            reduction, again = closer(twin, reduction, looked_at, above)
-            above = above_floor(again, outcomes, seed, say)
-            groups = [with_everywhere(group, finding) for group in groups]
-            shared = behind_all(twin, reduction, above, len(begun), limit, seed, say) if len(above) > 1 else None
-        fitted = as_fitted(twin, looked_at)
-        search = UnitSearch(twin, reduction, fitted, seed, say, most_effects, limit, outcomes, left_out.touching)
-        for unit in units(twin, above):
-            search.search(unit)
-        if not findings and (once := said_once(groups, outcomes, seed, say)):
-            finding, outcomes = once
-            findings.append(finding)
-            causes.append({finding.name: finding.probability or 0.0})
+            begun = concurrently(at_nominal, groups)
+            shared = of_all(twin, reduction, begun, limit, seed, say)
+            looked_at = [] if shared else concurrently(_looked_at, begun)
+            stack.enter_context(limit.enforced())  # what a first look says is said however long it takes
+            late = common_delay([part for _, part in looked_at if part.within_floor])
+            if late is not None:
+                reduction = reduction.delayed(late.by_recording)
+            behind = [one for one in looked_at if late is not None and one[1] in late.late]
+            above = behind + above_floor([one for one in looked_at if one not in behind], outcomes, seed, say)
+            if above and (behind or links_uncertain(twin) or reduction.carries):
+                reduction, again = closer(twin, reduction, looked_at, above)
+                above = above_floor(again, outcomes, seed, say)
+            else:
+                above = [look(reduced) if part.nominal else (reduced, part) for reduced, part in above]
+            if len(above) > 1:
+                shared = behind_all(twin, reduction, above, len(looked_at), limit, seed, say)
+            elif not above and shared is None:
+                shared = in_common(twin, reduction, looked_at, limit, seed, say)
+            if not above and shared is None:
+                reduction, above = when_near(twin, reduction, looked_at, outcomes, seed, say)
+                left_out.cut(reduction, groups)
+                left_out.near = [reduced.name for reduced, _ in above]
+            while shared is not None:
+                theirs = {part.joints for _, part in shared.looked_at}
+                outcomes = [outcome for outcome in outcomes if outcome.joints not in theirs]
+                for reduced, part in shared.looked_at:
+                    outcomes.append(replace(begun_outcome(reduced, part), within_floor=True))
+                groups = [group for group in groups if group.joints not in theirs]
+                finding, above = at_all(shared.finding, groups, outcomes, seed, say)
+                findings.append(finding)
+                causes.append(shared.posterior)
+                if finding.target != ROBOT:
+                    break
+                # beside what all have some may have something of their own, which several feel
+                twin = twin.changed(shared.terms)
+                looked_at = [*shared.looked_at, *above]
+                reduction, again = closer(twin, reduction, looked_at, above)
+                above = above_floor(again, outcomes, seed, say)
+                groups = [with_everywhere(group, finding) for group in groups]
+                shared = behind_all(twin, reduction, above, len(begun), limit, seed, say) if len(above) > 1 else None
+            fitted = as_fitted(twin, looked_at)
+            search = UnitSearch(twin, reduction, fitted, seed, say, most_effects, limit, outcomes, left_out.touching)
+            for unit in units(twin, above):
+                search.search(unit)
+            if not findings and (once := said_once(groups, outcomes, seed, say)):
+                finding, outcomes = once
+                findings.append(finding)
+                causes.append({finding.name: finding.probability or 0.0})
     except (KeyboardInterrupt, OutOfTime):
         interrupted = True
     judged = {joint for outcome in outcomes for joint in outcome.joints}

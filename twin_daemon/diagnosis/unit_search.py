@@ -15,7 +15,7 @@ from twin_daemon.diagnosis.screening import AskedBefore
 from twin_daemon.diagnosis.thresholds import GONE_FAR
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.processes import Say
-from twin_daemon.processor_time import TimeLimit
+from twin_daemon.processor_time import OutOfTime, TimeLimit
 from twin_daemon.simulation.submodel import linked
 from twin_daemon.simulation.twin import TwinModel
 
@@ -50,14 +50,15 @@ class UnitSearch:
         if not self.most_effects:
             self.outcomes.extend(begun_outcome(reduced, part) for reduced, part in unit)
             return
-        twin, left, before = self.twin, list(unit), None
+        twin, left = self.twin, list(unit)
+        before, first = None, None
         while len(left) > 1:
             left.sort(key=lambda item: -float(item[1].times_floor.max()))
             reduced, part = left[0]
             outcome = self._searched(twin, part, reduced)
             enough = outcome.explains or (self._one_each and outcome.left <= 1.0)
             if not outcome.accepted or not enough:
-                before = _asked(outcome)
+                before, first = _asked(outcome), outcome
                 break
             self.outcomes.append(outcome)
             twin = _with_found(twin, outcome)
@@ -65,13 +66,27 @@ class UnitSearch:
         if len(left) == 1:
             reduced, part = left[0]
             self.outcomes.append(self._searched(twin, part, reduced))
-        elif left:
+        elif left and (found := self._together(twin, left, before, first)) is not None:
+            self.outcomes.append(found)
+
+    def _together(
+        self,
+        twin: TwinModel,
+        left: Sequence[tuple[Reduced, PartFit]],
+        before: AskedBefore | None,
+        first: Outcome | None,
+    ) -> Outcome | None:
+        """What groups say that are searched as one, or the worst of them alone where time is over before that."""
+        try:
             whole = self.reduction.together(twin, [reduced for reduced, _ in left])
             if whole is None:
                 self.touching.append(left[0][0].name)
-            else:
-                reduced, part = look(whole)
-                self.outcomes.append(self._searched(twin, part, reduced, before))
+                return None
+            reduced, part = look(whole)
+        except OutOfTime:
+            return first and replace(first, unfinished=True)
+        found = self._searched(twin, part, reduced, before)
+        return first if first and found.unfinished and not found.accepted else found
 
     @property
     def _one_each(self) -> bool:
@@ -97,15 +112,21 @@ class UnitSearch:
     def _searched(self, twin: TwinModel, part: PartFit, reduced: Reduced, before: AskedBefore | None = None) -> Outcome:
         search = PartSearch(part, reduced, self.seed, self.say, self.most_effects, self.limit, before)
         begun = search.begun()
-        nearer = self._nearer(twin, begun, reduced)
-        if nearer is not None:
-            self.say("  once more, the whole robot moving as what was found says")
-            search, begun = replace(search, part=nearer[1], reduced=nearer[0]), None
-        outcome = search.outcome(begun)
-        sound = part.within_floor and not (outcome.accepted or outcome.deviating or outcome.unfinished)
-        if sound and outcome.left > 1.0:
-            # it was looked at again for what the fitted motion leaves, and nothing takes that away
-            outcome.within_floor = by_parameters(reduced, search.validation, self.seed)
+        try:
+            nearer = self._nearer(twin, begun, reduced)
+            if nearer is None:
+                outcome = search.outcome(begun)
+            else:
+                self.say("  once more, the whole robot moving as what was found says")
+                search = replace(search, part=nearer[1], reduced=nearer[0])
+                outcome = search.outcome()
+            sound = part.within_floor and not (outcome.accepted or outcome.deviating or outcome.unfinished)
+            if sound and outcome.left > 1.0:
+                # it was looked at again for what the fitted motion leaves, and nothing takes that away
+                outcome.within_floor = by_parameters(reduced, search.validation, self.seed)
+        except OutOfTime:
+            begun.outcome.unfinished = True
+            return begun.outcome
         return outcome
 
     def _nearer(self, twin: TwinModel, begun: Progress, reduced: Reduced) -> tuple[Reduced, PartFit] | None:

@@ -16,6 +16,7 @@ from twin_daemon.estimation.thresholds import (
     PAST_S,
 )
 from twin_daemon.estimation.variables import LinkVariable, Settings, Variable
+from twin_daemon.processor_time import check_time
 from twin_daemon.simulation.alignment import Aligned, resample
 from twin_daemon.simulation.parameters import KINDS
 from twin_daemon.simulation.rollout import never_forgets, remembers, roll_out
@@ -148,7 +149,8 @@ class Problem:
     def predict(self, points: np.ndarray) -> list[np.ndarray]:
         """Predicted readings of the objective's joints, one (B, n, k) array a recording, for points (B, p).
 
-        What one point was last asked for is kept: rows, offsets and floors are asked of the same roll-out.
+        What one point was last asked for is kept: rows, offsets and floors are asked of the same roll-out. Raises
+        OutOfTime where a time limit that is enforced is over.
         """
         last, asked = self._last, points.tobytes()
         if last is not None and len(points) == 1 and last[0] == asked:
@@ -159,6 +161,7 @@ class Problem:
         return readings
 
     def _predicted(self, points: np.ndarray) -> list[np.ndarray]:
+        check_time()
         found = [self._possible(point) for point in points]
         self.evaluations += len(found)
         impossible = [candidate is None for candidate in found]
