@@ -12,7 +12,7 @@ joints, or a share of what they had at first: less only bends the laws of those 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -307,7 +307,17 @@ class _Stepwise:
         return better
 
     def _fit(self, train: Sequence[Aligned], holdout: Sequence[Aligned]) -> Calibration:
-        return calibrate(self.ladder.twin, train, holdout, load_space(_TOGETHER), "multi-start", seed=self._seed)
+        """All values fitted at once, the model's own from where the steps have left them and from where they were.
+
+        What they have come to beside one effect may be a dead end beside all of them: the better on fitted motion
+        counts.
+        """
+        reached, effects = self.ladder.twin, self.ladder.twin.terms.effects
+        found: list[Calibration] = []
+        for twin in (reached, reached.changed(self._first.terms.model_copy(update={"effects": effects}))):
+            if not (found and (found[0].interrupted or twin.terms == reached.terms)):
+                found.append(calibrate(twin, train, holdout, load_space(_TOGETHER), "multi-start", seed=self._seed))
+        return replace(min(found, key=lambda one: one.after_rad2), interrupted=found[-1].interrupted)
 
     def _worse_than_raw(self) -> bool:
         """Whether held-out motion is predicted better by the command itself than by what the steps have come to."""
