@@ -57,6 +57,29 @@ def test_what_was_found_before_time_was_over_is_in_the_answer(misread: tuple[Pat
     assert [f.effect for f in found.findings] == ["sensor_gain"]
 
 
+class _Counted(TimeLimit):
+    """A limit that is over after so many looks at it."""
+
+    def __init__(self, looks: int) -> None:
+        super().__init__()
+        self._looks = looks
+
+    def over(self, share: float = 1.0) -> bool:
+        self._looks -= 1
+        return self._looks < 0
+
+
+@pytest.mark.parametrize("looks", [0, 3, 20, 100])
+def test_wherever_time_ends_a_joint_that_was_looked_at_is_spoken_of(
+    misread: tuple[Path, Path], twin: TwinModel, looks: int
+) -> None:
+    fitted, held = (align(twin, load_recording(path)) for path in misread)
+    found = diagnose(twin, [fitted], [held], joints=[JOINT], limit=_Counted(looks))
+    assert found.interrupted
+    assert found.verdict == "unexplained"
+    assert [part.joints for part in found.parts.values()] == [(JOINT,)]
+
+
 def test_a_limit_that_is_enforced_ends_what_rolls_out(twin: TwinModel, misread: tuple[Path, Path]) -> None:
     problem = Problem(twin, [align(twin, load_recording(misread[0]))], (), [JOINT])
     limit = _Ending()

@@ -54,6 +54,7 @@ def diagnose(
     outcomes: list[Outcome] = []
     findings: list[Finding] = []
     left_out = LeftOut()
+    looked_at: list[tuple[Reduced, PartFit]] = []
     above: list[tuple[Reduced, PartFit]] = []
     causes: list[Mapping[str, float]] = []
     shared: Shared | None = None
@@ -93,9 +94,10 @@ def diagnose(
                 for reduced, part in shared.looked_at:
                     outcomes.append(replace(begun_outcome(reduced, part), within_floor=True))
                 groups = [group for group in groups if group.joints not in theirs]
-                finding, above = at_all(shared.finding, groups, outcomes, seed, say)
-                findings.append(finding)
+                findings.append(shared.finding)  # it is found, whatever time is left for who else has it
                 causes.append(shared.posterior)
+                finding, above = at_all(shared.finding, groups, outcomes, seed, say)
+                findings[-1] = finding
                 if finding.target != ROBOT:
                     break
                 # beside what all have some may have something of their own, which several feel
@@ -116,9 +118,14 @@ def diagnose(
     except (KeyboardInterrupt, OutOfTime):
         interrupted = True
     judged = {joint for outcome in outcomes for joint in outcome.joints}
-    for reduced, part in above:
+    left = [(reduced, part, False) for reduced, part in above]
+    if interrupted:
+        # time may have been over before it was known which of these are above the floor on other motion as well
+        known = {part.joints for _, part in above}
+        left += [(reduced, part, part.within_floor) for reduced, part in looked_at if part.joints not in known]
+    for reduced, part, sound in left:
         if not judged & set(reduced.joints):
-            outcomes.append(replace(begun_outcome(reduced, part), unfinished=True))
+            outcomes.append(replace(begun_outcome(reduced, part), unfinished=True, within_floor=sound))
     interrupted = interrupted or any(outcome.unfinished for outcome in outcomes)
     return conclude(twin, train, outcomes, left_out, interrupted, findings, causes)
 
