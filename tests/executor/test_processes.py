@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import pickle
 import signal
@@ -9,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -82,6 +84,17 @@ def test_a_twin_made_in_a_process_is_the_same_bit_by_bit() -> None:
             assert np.array_equal(getattr(found.model, field), getattr(here.model, field)), field
         assert found.terms == here.terms
         assert found.model.opt.timestep == 0.0007
+
+
+def test_a_chain_of_changes_keeps_the_first_twin_alone() -> None:
+    twin = TwinModel.load(load_hand())
+    between = twin.changed(Terms(parameters={f"{twin.joints[0]}.damping": 0.01}))
+    last, gone = between.changed(Terms(parameters={f"{twin.joints[0]}.damping": 0.02})), weakref.ref(between)
+    del between
+    gc.collect()
+    assert gone() is None
+    ((_, there),) = [one for one in side_by_side(lambda *_: last.changed(last.terms), range(2), print) if one[0] == 0]
+    assert there.terms == last.terms
 
 
 def test_an_answer_that_cannot_be_sent_is_an_error() -> None:

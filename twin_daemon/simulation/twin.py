@@ -119,7 +119,10 @@ class TwinModel:
     def changed(self, terms: Terms) -> TwinModel:
         """Another twin of the same hand: the same nominal model with other terms."""
         other = TwinModel(self.hand, self.nominal, terms, self._compiled)
-        other.made_by = TwinModel.changed, (self, terms)
+        # of a chain of changes only the first is kept for it
+        made = self.made_by
+        first = made[1][0] if made is not None and made[0] is TwinModel.changed else self
+        other.made_by = TwinModel.changed, (first, terms)
         return other
 
     def at_step(self, step_s: float) -> TwinModel:
