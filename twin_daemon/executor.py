@@ -20,7 +20,7 @@ import numpy as np
 
 from twin_daemon.errors import BadInput, NoAnswer, UsageError
 from twin_daemon.processes import Say, in_processes
-from twin_daemon.processor_time import thread_count
+from twin_daemon.processor_time import check_time, thread_count
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -165,8 +165,15 @@ def side_by_side(
     return ((index, work(item, say)) for index, item in enumerate(items))
 
 
+def in_order(work: Callable[[Item, Say], Result], items: Sequence[Item], say: Say) -> list[Result]:
+    """[work(item, say) for item in items], in order, as `side_by_side` does them."""
+    found = dict(side_by_side(work, items, say))
+    return [found[index] for index in range(len(items))]
+
+
 def concurrently(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
     """[work(item) for item in items], in order, wherever work runs now."""
+    check_time()  # workers of a cluster know of no limit
     return _executor.get().each(work, list(items))
 
 

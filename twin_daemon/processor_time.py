@@ -5,15 +5,11 @@ from __future__ import annotations
 import contextlib
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextvars import ContextVar
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
-
-Item = TypeVar("Item")
-Result = TypeVar("Result")
 
 
 def thread_count() -> int:
@@ -74,7 +70,7 @@ class TimeLimit:
 
     @contextlib.contextmanager
     def enforced(self) -> Iterator[None]:
-        """While this lasts, every roll-out of a fit raises OutOfTime instead of beginning when it is over."""
+        """While this lasts, roll-outs and independent work raise OutOfTime instead of beginning when it is over."""
         token = _enforced.set(self)
         try:
             yield
@@ -83,15 +79,6 @@ class TimeLimit:
 
     def __reduce__(self) -> tuple[type[TimeLimit], tuple[()]]:
         return TimeLimit, ()
-
-    def checked(self, work: Callable[[Item], Result]) -> Callable[[Item], Result]:
-        """The same work, which raises OutOfTime instead of beginning when it is over."""
-
-        def begun(item: Item) -> Result:
-            self.check()
-            return work(item)
-
-        return begun
 
     def check(self) -> None:
         """Raises OutOfTime where it is over."""

@@ -18,7 +18,6 @@ from twin_daemon.errors import BadInput
 from twin_daemon.estimation.partition import Reduction
 from twin_daemon.hand import load_hand
 from twin_daemon.places import ROBOT
-from twin_daemon.processor_time import TimeLimit
 from twin_daemon.recordings.load import load_recording
 from twin_daemon.simulation.alignment import align
 from twin_daemon.simulation.submodel import drive_groups
@@ -160,8 +159,8 @@ def test_a_friction_that_sticks_and_one_that_creeps_are_both_fitted_at_all_joint
     reduction = Reduction(session.twin, train, ())
     groups = [reduction.of(session.twin, group, group.joints) for group in drive_groups(session.twin)]
     search = SharedSearch(session.twin, reduction, [at_nominal(group) for group in groups if group])
-    cause, limit = SharedCause(LIBRARY["coulomb_friction"], ROBOT), TimeLimit()
-    fitted = [search.fitted(begun, limit)[0] for begun in search.begun(cause, limit)]
+    cause = SharedCause(LIBRARY["coulomb_friction"], ROBOT)
+    fitted = [search.fitted(begun)[0] for begun in search.begun(cause)]
     assert sorted(fit.values["sticking"] for fit in fitted) == [0.0, 1.0]
     best = min(fitted, key=lambda fit: fit.cost)
     assert best.values["sticking"] == 0.0

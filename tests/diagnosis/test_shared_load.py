@@ -13,7 +13,6 @@ from twin_daemon.diagnosis.shared_cause import SharedCause
 from twin_daemon.effects import LIBRARY
 from twin_daemon.estimation.partition import Reduction
 from twin_daemon.hand import load_hand
-from twin_daemon.processor_time import TimeLimit
 from twin_daemon.simulation.alignment import align
 from twin_daemon.simulation.submodel import drive_groups
 from twin_daemon.simulation.terms import EffectTerm, Terms
@@ -53,7 +52,7 @@ def test_a_load_that_a_light_one_says_too_much_of_begins_at_less(tmp_path: Path)
     cut = [reduction.of(twin, group, group.joints) for group in drive_groups(twin)]
     search = SharedSearch(twin, reduction, [at_nominal(reduced) for reduced in cut if reduced is not None])
     cause = SharedCause(LIBRARY["payload"], "wrist")
-    (begun,) = search.begun(cause, TimeLimit())
+    (begun,) = search.begun(cause)
     nothing = search.at(cause, {"mass": 0.0, "at": 1.0})
     assert begun.cost < 0.2 * nothing.cost
     assert begun.values["mass"] > 0.5 * LOAD_KG

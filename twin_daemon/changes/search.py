@@ -53,7 +53,6 @@ def changes_since(
     interrupted = False
 
     def search(item: tuple[Reduced, Sessions], tell: Say) -> GroupFound:
-        limit.check()
         one = search_group(item[0], item[1], candidates, believed, spread)
         named = ", ".join(one.quantities[i].name for i in one.changed) or "no change"
         tell(f"{', '.join(one.joints)}: {named}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -33,12 +33,17 @@ def closer(
     return reduction, looked_at_again(twin, reduction, [reduced for reduced, _ in above])
 
 
-def looked_at_again(twin: TwinModel, reduction: Reduction, groups: Sequence[Reduced]) -> list[tuple[Reduced, PartFit]]:
+def looked_at_again(
+    twin: TwinModel,
+    reduction: Reduction,
+    groups: Sequence[Reduced],
+    how: Callable[[Reduced], tuple[Reduced, PartFit]] = look,
+) -> list[tuple[Reduced, PartFit]]:
     """Groups cut anew from a reduction, each with its fit; without those that touch something nearly all the time."""
 
     def again(group: Reduced) -> tuple[Reduced, PartFit] | None:
         reduced = reduction.together(twin, [group])
-        return None if reduced is None else look(reduced)
+        return None if reduced is None else how(reduced)
 
     return [found for found in concurrently_here(again, groups) if found is not None]
 

@@ -20,7 +20,6 @@ from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.executor import concurrently
 from twin_daemon.places import ROBOT
 from twin_daemon.processes import Say
-from twin_daemon.processor_time import TimeLimit
 from twin_daemon.simulation.terms import EffectTerm
 from twin_daemon.simulation.twin import TwinModel
 
@@ -31,7 +30,6 @@ def of_all(
     twin: TwinModel,
     reduction: Reduction,
     begun: Sequence[tuple[Reduced, PartFit]],
-    limit: TimeLimit,
     seed: int,
     say: Say,
 ) -> Shared | None:
@@ -48,7 +46,7 @@ def of_all(
     above = [begun[i] for i in chosen]
     joints = [reduced.joints for reduced, _ in above]
     causes = [cause for cause in shared_causes(twin, joints, everywhere=True) if cause.target == ROBOT]
-    return _said(search.only(chosen).best(causes, limit, seed, most_left=OF_ALL_LEFT), len(above), say)
+    return _said(search.only(chosen).best(causes, seed, most_left=OF_ALL_LEFT), len(above), say)
 
 
 def behind_all(
@@ -56,14 +54,13 @@ def behind_all(
     reduction: Reduction,
     above: Sequence[tuple[Reduced, PartFit]],
     groups: int,
-    limit: TimeLimit,
     seed: int,
     say: Say,
 ) -> Shared | None:
     """One cause behind all groups above the floor: cheaper than one each, so it is tried first."""
     joints = [reduced.joints for reduced, _ in above]
     causes = shared_causes(twin, joints, everywhere=2 * len(above) > groups)
-    return _said(SharedSearch(twin, reduction, above).best(causes, limit, seed), len(above), say)
+    return _said(SharedSearch(twin, reduction, above).best(causes, seed), len(above), say)
 
 
 def _said(found: Shared | None, above: int, say: Say) -> Shared | None:
@@ -77,7 +74,6 @@ def in_common(
     twin: TwinModel,
     reduction: Reduction,
     looked_at: Sequence[tuple[Reduced, PartFit]],
-    limit: TimeLimit,
     seed: int,
     say: Say,
 ) -> Shared | None:
@@ -90,7 +86,7 @@ def in_common(
     if not any(_off_the_same_way(looked_at, kind) for kind in (*NOMINAL_KINDS, _DELAY)):
         return None
     causes = [SharedCause(effect, ROBOT) for effect in LIBRARY.values() if effect.shared in ("servos", "joints")]
-    shared = SharedSearch(twin, reduction, looked_at).best(causes, limit, seed)
+    shared = SharedSearch(twin, reduction, looked_at).best(causes, seed)
     if shared is None:
         return None
     say(f"{shared.finding.name}: nominal values of all groups are off the same way")

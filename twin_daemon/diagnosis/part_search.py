@@ -26,7 +26,7 @@ from twin_daemon.diagnosis.thresholds import (
 from twin_daemon.diagnosis.validation import Validation, most_left
 from twin_daemon.estimation.partition import Reduced
 from twin_daemon.processes import Say
-from twin_daemon.processor_time import OutOfTime, TimeLimit
+from twin_daemon.processor_time import OutOfTime
 
 
 def begun_outcome(reduced: Reduced, part: PartFit) -> Outcome:
@@ -60,7 +60,6 @@ class PartSearch:
     seed: int
     say: Say
     most_effects: int
-    limit: TimeLimit
     before: AskedBefore | None = None
 
     @cached_property
@@ -142,14 +141,12 @@ class PartSearch:
         outcome = progress.outcome
         try:
             while not progress.ended and len(outcome.accepted) < most_effects:
-                self.limit.check()
                 if step is None:
                     step = next_effect(
                         progress.part,
                         progress.validation,
                         self.say,
                         outcome,
-                        self.limit,
                         against=against,
                         before=None if outcome.accepted else self.before,
                     )

@@ -22,7 +22,6 @@ from twin_daemon.estimation.uncertainty import Estimate
 from twin_daemon.estimation.windows import segments
 from twin_daemon.executor import concurrently
 from twin_daemon.places import HAND, ROBOT
-from twin_daemon.processor_time import TimeLimit
 from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.submodel import Part, drive_groups, parts
 from twin_daemon.simulation.terms import EffectTerm
@@ -102,7 +101,7 @@ def refit_shared(
     driven = [n for n in twin.joints_of(ROBOT) if n in moving]
     if not driven:
         raise _does_not_move([ROBOT], effect)
-    reduction, limit = Reduction(twin, recordings, ()), TimeLimit()
+    reduction = Reduction(twin, recordings, ())
     chosen = [(group, [n for n in driven if n in group.joints]) for group in drive_groups(twin)]
     cut = [reduced for group, own in chosen if own and (reduced := reduction.of(twin, group, own)) is not None]
     if not cut:
@@ -110,13 +109,13 @@ def refit_shared(
     looked_at = concurrently(lambda reduced: (reduced, PartFit(reduced.twin, reduced.train, reduced.joints)), cut)
     cause = SharedCause(effect, ROBOT, given)
     search = SharedSearch(twin, reduction, looked_at)
-    forms = search.begun(cause, limit) if start is None else [search.at(cause, start)]
+    forms = search.begun(cause) if start is None else [search.at(cause, start)]
     if not forms:
         raise BadInput(f"'{effect.key}' cannot stand beside what the servos have", todo="Name servos with --joint")
     found, slopes, there = forms[0], np.zeros((len(forms[0].rows), 0)), search
     if cause.amplitudes:
-        best = min((search.fitted(one, limit)[0] for one in forms), key=lambda one: one.cost)
-        found, slopes, there = search.settled(best, limit)
+        best = min((search.fitted(one)[0] for one in forms), key=lambda one: one.cost)
+        found, slopes, there = search.settled(best)
     beside = there.beside(cause, found.values)
     return Refit(
         (cause.term(found.values),),

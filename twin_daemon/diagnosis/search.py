@@ -66,8 +66,9 @@ def diagnose(
             groups = [reduced for reduced in cut if reduced is not None]
             left_out.touching = [g.name for (g, _), reduced in zip(chosen, cut, strict=True) if reduced is None]
             left_out.cut(reduction, groups)
-            begun = concurrently(at_nominal, groups)
-            shared = of_all(twin, reduction, begun, limit, seed, say)
+            looked_at = begun = concurrently(at_nominal, groups)
+            with limit.enforced():
+                shared = of_all(twin, reduction, begun, seed, say)
             looked_at = [] if shared else concurrently(_looked_at, begun)
             stack.enter_context(limit.enforced())  # what a first look says is said however long it takes
             late = common_delay([part for _, part in looked_at if part.within_floor])
@@ -81,9 +82,9 @@ def diagnose(
             else:
                 above = [look(reduced) if part.nominal else (reduced, part) for reduced, part in above]
             if len(above) > 1:
-                shared = behind_all(twin, reduction, above, len(looked_at), limit, seed, say)
+                shared = behind_all(twin, reduction, above, len(looked_at), seed, say)
             elif not above and shared is None:
-                shared = in_common(twin, reduction, looked_at, limit, seed, say)
+                shared = in_common(twin, reduction, looked_at, seed, say)
             if not above and shared is None:
                 reduction, above = when_near(twin, reduction, looked_at, outcomes, seed, say)
                 left_out.cut(reduction, groups)
@@ -106,9 +107,9 @@ def diagnose(
                 reduction, again = closer(twin, reduction, looked_at, above)
                 above = above_floor(again, outcomes, seed, say)
                 groups = [with_everywhere(group, finding) for group in groups]
-                shared = behind_all(twin, reduction, above, len(begun), limit, seed, say) if len(above) > 1 else None
+                shared = behind_all(twin, reduction, above, len(begun), seed, say) if len(above) > 1 else None
             fitted = as_fitted(twin, looked_at)
-            search = UnitSearch(twin, reduction, fitted, seed, say, most_effects, limit, outcomes, left_out.touching)
+            search = UnitSearch(twin, reduction, fitted, seed, say, most_effects, outcomes, left_out.touching)
             for unit in units(twin, above):
                 search.search(unit)
             if not findings and (once := said_once(groups, outcomes, seed, say)):

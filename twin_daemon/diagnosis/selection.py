@@ -32,11 +32,8 @@ from twin_daemon.diagnosis.validation import Validation
 from twin_daemon.diagnosis.verdict import Trial
 from twin_daemon.executor import concurrently, concurrently_here
 from twin_daemon.processes import Say
-from twin_daemon.processor_time import TimeLimit
 
 _TAKES_LITTLE = "takes little of what is left beyond the floor away"
-
-"""Called with one line whenever a candidate has been judged."""
 
 
 def next_effect(
@@ -44,7 +41,6 @@ def next_effect(
     validation: Validation,
     say: Say,
     outcome: Outcome,
-    limit: TimeLimit,
     *,
     against: Fit | None = None,
     before: AskedBefore | None = None,
@@ -54,12 +50,10 @@ def next_effect(
     Where it has to stand `against` a fit of the same motion, none is fitted in full unless a first fit takes most of
     what that one leaves away. Of joints that were looked at `before` on their own only what came near is asked.
     """
-    limit.check()
     screening = Screening(part, before)
     chosen = _shortlist(screening, part, outcome)
-    limit.check()
     tried: dict[str, FirstFit] = {}
-    for first in _raced(screening, chosen, limit):
+    for first in _raced(screening, chosen):
         other = tried.get(first.hypothesis.name)
         tried[first.hypothesis.name] = first if other is None or first.cost < other.cost else other
     first_fits = sorted(tried.values(), key=lambda first: first.cost)
@@ -86,7 +80,7 @@ def next_effect(
         reason = f"explains less: {behind:.0f} nats behind {first_fits[0].hypothesis.name}"
         outcome.tried.append(_lost(first.hypothesis, gain, reason))
         say(f"  {first.hypothesis.name}: evidence {gain:.0f} nats, {behind:.0f} less than the best")
-    full = concurrently(limit.checked(lambda first: part.full_fit(first, FULL_FIT_ROLLOUTS)), finalists)
+    full = concurrently(lambda first: part.full_fit(first, FULL_FIT_ROLLOUTS), finalists)
     full += _limits_of(part, screening, full)
     fits = sorted(((part.evidence_nats(fit), fit) for fit in full), key=lambda item: -item[0])
     for evidence, fit in fits:
@@ -252,7 +246,7 @@ def _worth_a_look(screening: Screening, screened: Sequence[Sequence[Start]], own
     return looked_at
 
 
-def _raced(screening: Screening, entered: Sequence[FirstFit], limit: TimeLimit) -> list[FirstFit]:
+def _raced(screening: Screening, entered: Sequence[FirstFit]) -> list[FirstFit]:
     """Candidates that are fitted a little each, the better half goes on, until few are left: successive halving.
 
     Nothing is dropped for where it starts (Jamieson and Talwalkar 2016): a law that is far from its values looks
@@ -261,12 +255,9 @@ def _raced(screening: Screening, entered: Sequence[FirstFit], limit: TimeLimit) 
     racing = sorted(entered, key=lambda first: first.cost)
     out: list[FirstFit] = []
     for evaluations in RACE_ROLLOUTS:
-        limit.check()
         last = evaluations == RACE_ROLLOUTS[-1] or len(racing) <= LEAST_RACING
         count = RACE_ROLLOUTS[-1] if last else evaluations
-        moved = concurrently(
-            limit.checked(lambda first, n=count, f=last: screening.first_fit(first, n, settled=f)), racing
-        )
+        moved = concurrently(lambda first, n=count, f=last: screening.first_fit(first, n, settled=f), racing)
         moved.sort(key=lambda first: first.cost)
         if last:
             return [*moved, *out]

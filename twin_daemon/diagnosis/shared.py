@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin_daemon.diagnosis.as_fitted import looked_at_again
 from twin_daemon.diagnosis.group import GroupRows, at_nominal, look
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.probability import posterior
@@ -34,8 +35,7 @@ from twin_daemon.estimation.estimate import Estimate
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
 from twin_daemon.estimation.uncertainty import block_gain, inflation
-from twin_daemon.executor import concurrently, concurrently_here
-from twin_daemon.processor_time import TimeLimit
+from twin_daemon.executor import concurrently
 from twin_daemon.simulation.submodel import linked
 from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
@@ -117,13 +117,12 @@ class SharedSearch:
         seen = [group.seen(reduced) for group, reduced in zip(self._groups, changed, strict=True)]
         return np.nan_to_num(np.concatenate(seen), nan=1e3, posinf=1e3, neginf=-1e3)
 
-    def begun(self, cause: SharedCause, limit: TimeLimit) -> list[_Begun]:
+    def begun(self, cause: SharedCause) -> list[_Begun]:
         """A cause at the best of its starts for each of its forms, the best first; none where it cannot act.
 
         How strong a load or a delay may be follows from no scale of one place, so that shares go over decades. Forms
         differ in what no fit moves, such as how much of a friction sticks: which is the better says only its fit.
         """
-        limit.check()
         joints = [joint for reduced, _ in self._above for joint in reduced.joints]
         starts = cause.starts(self._twin, joints)
         outwards = cause.directions(starts)
@@ -195,7 +194,7 @@ class SharedSearch:
             share *= 0.5
         return found
 
-    def fitted(self, begun: _Begun, limit: TimeLimit, reach: float = np.inf) -> tuple[_Begun, np.ndarray]:
+    def fitted(self, begun: _Begun, reach: float = np.inf) -> tuple[_Begun, np.ndarray]:
         """(where Gauss-Newton takes a cause, (m, q) slopes there); what comes to no cost within `reach` is left.
 
         Friction makes slopes over a tenth of a value another thing than slopes nearby, so that each round looks nearer,
@@ -204,7 +203,6 @@ class SharedSearch:
         cause = begun.cause
         slopes = np.empty((len(begun.rows), 0))
         for count, share in enumerate(SHARED_STEPS):
-            limit.check()
             steps = {n: share * max(abs(begun.values[n]), abs(cause.typical(n))) for n in cause.amplitudes}
             stepped = [begun.values | {name: begun.values[name] + step} for name, step in steps.items()]
             found = concurrently(lambda values: self._rows(cause, values), stepped)
@@ -237,36 +235,28 @@ class SharedSearch:
                 return trial
         return begun
 
-    def settled(self, begun: _Begun, limit: TimeLimit) -> tuple[_Begun, np.ndarray, SharedSearch]:
+    def settled(self, begun: _Begun) -> tuple[_Begun, np.ndarray, SharedSearch]:
         """As `fitted`, and once more with what nuisances can do taken where that has come to; and the search there.
 
         There the measured motion is smoothed by a twin that has the cause, and follows it better.
         """
-        cause, found = begun.cause, self.fitted(begun, limit)[0]
+        cause, found = begun.cause, self.fitted(begun)[0]
         twin = self._twin.changed(cause.terms(self._twin, found.values))
         reduction = self._reduction.following(twin)
+        there = SharedSearch(twin, reduction, looked_at_again(twin, reduction, [r for r, _ in self._above], at_nominal))
+        return (*there.fitted(there.at(cause, found.values)), there)
 
-        def begun_there(group: Reduced) -> tuple[Reduced, PartFit] | None:
-            reduced = reduction.together(twin, [group])
-            return None if reduced is None else at_nominal(reduced)
-
-        groups = concurrently_here(begun_there, [reduced for reduced, _ in self._above])
-        there = SharedSearch(twin, reduction, [group for group in groups if group is not None])
-        return (*there.fitted(there.at(cause, found.values), limit), there)
-
-    def best(
-        self, causes: Sequence[SharedCause], limit: TimeLimit, seed: int, *, most_left: float = np.inf
-    ) -> Shared | None:
+    def best(self, causes: Sequence[SharedCause], seed: int, *, most_left: float = np.inf) -> Shared | None:
         """The cause that brings the groups back to the floor, on held-out motion too; None where none does.
 
         What leaves more than a share `most_left` of the cost beside the floor is not looked at any further.
         """
-        begun = [forms for forms in concurrently(lambda cause: self.begun(cause, limit), causes) if forms]
+        begun = [forms for forms in concurrently(lambda cause: self.begun(cause), causes) if forms]
         begun.sort(key=lambda forms: forms[0].cost)
         fits: list[_Begun] = []
         for forms in begun[:SHARED_FINALISTS]:
             least = min((fit.cost for fit in fits), default=np.inf)
-            fitted = [self.fitted(one, limit, COMPARABLE * least)[0] for one in forms]
+            fitted = [self.fitted(one, COMPARABLE * least)[0] for one in forms]
             fits.append(min(fitted, key=lambda fit: fit.cost))
         if not fits:
             return None
@@ -276,13 +266,12 @@ class SharedSearch:
             return None
         if not self._helps_most(best):
             return None
-        found, slopes, there = self.settled(best, limit)
+        found, slopes, there = self.settled(best)
         cause, values = found.cause, found.values
         above, looked_at = self._above, there.beside(cause, values)
         squares = passing(above, looked_at, seed)
         if None in squares and cause.effect.shared == "load":
             # a load ties the joints that carry it together, more than their measured motion can say of each other
-            limit.check()
             above = self.joined(self._twin)
             looked_at = there.joined(self._twin.changed(cause.terms(self._twin, values)))
             squares = passing(above, looked_at, seed)
@@ -291,7 +280,7 @@ class SharedSearch:
             helped = all(new.base.cost < old.base.cost for (_, old), (_, new) in zip(above, looked_at, strict=True))
             if helped and 2 * len(right) > len(squares) > 2:
                 # what most have all may have, and some something of their own beside it
-                return self.only(right).best(causes, limit, seed)
+                return self.only(right).best(causes, seed)
         if not squares or None in squares:
             return None
         before, after = (np.concatenate(both) for both in zip(*filter(None, squares), strict=True))

@@ -15,7 +15,7 @@ from twin_daemon.diagnosis.screening import AskedBefore
 from twin_daemon.diagnosis.thresholds import GONE_FAR
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.processes import Say
-from twin_daemon.processor_time import OutOfTime, TimeLimit
+from twin_daemon.processor_time import OutOfTime
 from twin_daemon.simulation.submodel import linked
 from twin_daemon.simulation.twin import TwinModel
 
@@ -36,7 +36,6 @@ class UnitSearch:
     seed: int
     say: Say
     most_effects: int
-    limit: TimeLimit
     outcomes: list[Outcome]
     touching: list[str]
 
@@ -51,14 +50,14 @@ class UnitSearch:
             self.outcomes.extend(begun_outcome(reduced, part) for reduced, part in unit)
             return
         twin, left = self.twin, list(unit)
-        before, first = None, None
+        first: Outcome | None = None
         while len(left) > 1:
             left.sort(key=lambda item: -float(item[1].times_floor.max()))
             reduced, part = left[0]
             outcome = self._searched(twin, part, reduced)
             enough = outcome.explains or (self._one_each and outcome.left <= 1.0)
             if not outcome.accepted or not enough:
-                before, first = _asked(outcome), outcome
+                first = outcome
                 break
             self.outcomes.append(outcome)
             twin = _with_found(twin, outcome)
@@ -66,17 +65,13 @@ class UnitSearch:
         if len(left) == 1:
             reduced, part = left[0]
             self.outcomes.append(self._searched(twin, part, reduced))
-        elif left and (found := self._together(twin, left, before, first)) is not None:
+        elif left and (found := self._together(twin, left, first)) is not None:
             self.outcomes.append(found)
 
     def _together(
-        self,
-        twin: TwinModel,
-        left: Sequence[tuple[Reduced, PartFit]],
-        before: AskedBefore | None,
-        first: Outcome | None,
+        self, twin: TwinModel, left: Sequence[tuple[Reduced, PartFit]], first: Outcome | None
     ) -> Outcome | None:
-        """What groups say that are searched as one, or the worst of them alone where time is over before that."""
+        """What groups say that are searched as one, or what the `first` of them said where time is over before that."""
         try:
             whole = self.reduction.together(twin, [reduced for reduced, _ in left])
             if whole is None:
@@ -85,7 +80,7 @@ class UnitSearch:
             reduced, part = look(whole)
         except OutOfTime:
             return first and replace(first, unfinished=True)
-        found = self._searched(twin, part, reduced, before)
+        found = self._searched(twin, part, reduced, first and _asked(first))
         return first if first and found.unfinished and not found.accepted else found
 
     @property
@@ -110,7 +105,7 @@ class UnitSearch:
         return with_values(twin, values)
 
     def _searched(self, twin: TwinModel, part: PartFit, reduced: Reduced, before: AskedBefore | None = None) -> Outcome:
-        search = PartSearch(part, reduced, self.seed, self.say, self.most_effects, self.limit, before)
+        search = PartSearch(part, reduced, self.seed, self.say, self.most_effects, before)
         begun = search.begun()
         try:
             nearer = self._nearer(twin, begun, reduced)

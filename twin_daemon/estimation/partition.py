@@ -111,8 +111,8 @@ class Reduction:
             return None
         reduced = Reduced(part.name, tuple(joints), small, tuple(train), tuple(holdout))
         if like is not None:
-            both = (tuple(map(_as_uncertain, *cut)) for cut in ((train, like.train), (holdout, like.holdout)))
-            return Reduced(part.name, tuple(joints), small, *both)
+            known = (tuple(map(_as_uncertain, *cut)) for cut in ((train, like.train), (holdout, like.holdout)))
+            return replace(reduced, train=next(known), holdout=next(known))
         return reduced.with_start_errors() if start_errors else reduced
 
     def each(self, twin: TwinModel, groups: Sequence[tuple[Part, Sequence[str]]]) -> list[Reduced | None]:

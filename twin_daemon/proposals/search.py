@@ -15,7 +15,7 @@ from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
 from twin_daemon.estimation.uncertainty import block_gain, block_samples, sample_squares
 from twin_daemon.estimation.variables import OnsetVariable, Variable
 from twin_daemon.estimation.windows import spread
-from twin_daemon.executor import concurrently
+from twin_daemon.executor import concurrently, in_order
 from twin_daemon.processes import Say
 from twin_daemon.processor_time import TimeLimit
 from twin_daemon.proposals.descent import Linear, Reached, columns, cross_validated, folds, gauss_newton
@@ -175,7 +175,7 @@ class JointSearch:
         temper = np.sqrt(max(1.0, self.alone.cost / self.base.effective_samples))
         nuisance_slopes = self.alone.slopes
 
-        def tried(feature: Feature) -> Trial:
+        def tried(feature: Feature, say: Say) -> Trial:
             self.limit.check()
             problem = self.problem(feature, SMOOTHNESS[0])
             point = problem.point(self.alone.point, np.zeros(len(feature.knots)))
@@ -193,10 +193,10 @@ class JointSearch:
                 if best is None or share > best.share:
                     best = Trial(feature, share, 0.0, smoothness, linear, point)
             assert best is not None
-            self.say(f"{feature.name}: {best.share:.0%} of the error by one linear step")
+            say(f"{feature.name}: {best.share:.0%} of the error by one linear step")
             return self._stepped(best)
 
-        found = concurrently(tried, features(kp, seen, neighbours))
+        found = in_order(tried, features(kp, seen, neighbours), self.say)
         return sorted(found, key=lambda trial: -trial.promise)
 
     def _stepped(self, trial: Trial) -> Trial:
@@ -251,15 +251,15 @@ class JointSearch:
             problem = self.problem(trial.feature, trial.smoothness)
             return trial, problem, gauss_newton(problem, trial.start, problem.own, RACING_ROUNDS)
 
-        def go_on(begun: tuple[Trial, LawProblem, Reached]) -> FittedLaw:
+        def go_on(begun: tuple[Trial, LawProblem, Reached], say: Say) -> FittedLaw:
             self.limit.check()
             trial, problem, reached = begun
             law = self.judged(trial, problem, gauss_newton(problem, reached, problem.own, ROUNDS))
-            self.say(f"{trial.feature.name}: {law.gain:.0%} of the held-out error")
+            say(f"{trial.feature.name}: {law.gain:.0%} of the held-out error")
             return law
 
         begun = sorted(concurrently(begin, promising), key=lambda one: self._price(one[1], one[2]))
-        return sorted(concurrently(go_on, begun[:LEADING]), key=lambda law: -law.nats)
+        return sorted(in_order(go_on, begun[:LEADING], self.say), key=lambda law: -law.nats)
 
     def _price(self, problem: LawProblem, reached: Reached) -> float:
         """What is left by a law, with the price of its values: lower is better."""
