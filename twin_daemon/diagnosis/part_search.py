@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from twin_daemon.diagnosis.candidates import hypotheses
 from twin_daemon.diagnosis.conclude import Accepted, Outcome
 from twin_daemon.diagnosis.far_off import beyond_any_hand, deviating, needed
 from twin_daemon.diagnosis.fit import Fit
@@ -27,6 +28,7 @@ from twin_daemon.diagnosis.validation import Validation, most_left
 from twin_daemon.estimation.partition import Reduced
 from twin_daemon.processes import Say
 from twin_daemon.processor_time import OutOfTime
+from twin_daemon.simulation.terms import EffectTerm
 
 
 def begun_outcome(reduced: Reduced, part: PartFit) -> Outcome:
@@ -53,7 +55,10 @@ class Progress:
 
 @dataclass(frozen=True)
 class PartSearch:
-    """The search of one part for at most so many effects; `before` is what was asked of some of its joints alone."""
+    """The search of one part for at most so many effects; `before` is what was asked of some of its joints alone.
+
+    `late` says that commands come later there than at others, and `begins` is the first effect where that is known.
+    """
 
     part: PartFit
     reduced: Reduced
@@ -61,6 +66,8 @@ class PartSearch:
     say: Say
     most_effects: int
     before: AskedBefore | None = None
+    late: bool = False
+    begins: EffectTerm | None = None
 
     @cached_property
     def validation(self) -> Validation:
@@ -74,7 +81,24 @@ class PartSearch:
 
     def begun(self) -> Progress:
         """The search up to its first effect."""
-        return self._further(self._nothing_yet(), None, 1)
+        return self._further(self._nothing_yet(), self._first(), 1)
+
+    def _first(self) -> Accepted | None:
+        """The effect that is known to be the first, fitted beside the part's nuisances; None where none is, or fits."""
+        part, term = self.part, self.begins
+        if term is None:
+            return None
+        every = hypotheses(part.twin, part.joints, whole_hand=False)
+        hypothesis = next((one for one in every if (one.effect.key, one.target) == (term.effect, term.target)), None)
+        if hypothesis is None:
+            return None
+        begun = hypothesis.starting((term.values, *hypothesis.starts))
+        problem = part.problem_with((begun, begun.starts[0]))
+        fit = part.ended(begun, problem, problem.start, FULL_FIT_ROLLOUTS)
+        judged, bar = self.validation.judge(fit), decisive(fit)
+        if not judged.passes:
+            return None
+        return Accepted(part, fit, judged, weighed={begun.name: weight_of(part, fit, bar)}, decisive_nats=bar)
 
     def outcome(self, begun: Progress | None = None) -> Outcome:
         """What the part lacks: one effect after another; where that leaves too much, from another beginning as well.
@@ -149,6 +173,7 @@ class PartSearch:
                         outcome,
                         against=against,
                         before=None if outcome.accepted else self.before,
+                        late=self.late and not outcome.accepted,
                     )
                 if step is None or _is_refinement(self.part, progress.part, step.fit, outcome, enough=progress.enough):
                     progress.ended = True

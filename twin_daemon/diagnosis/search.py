@@ -27,6 +27,7 @@ from twin_daemon.processes import Say
 from twin_daemon.processor_time import OutOfTime, TimeLimit
 from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.submodel import drive_groups
+from twin_daemon.simulation.terms import EffectTerm
 from twin_daemon.simulation.twin import TwinModel
 
 
@@ -58,6 +59,7 @@ def diagnose(
     above: list[tuple[Reduced, PartFit]] = []
     causes: list[Mapping[str, float]] = []
     shared: Shared | None = None
+    first: EffectTerm | None = None  # of several effects of groups that are searched together
     interrupted = False
     try:
         with contextlib.ExitStack() as stack:
@@ -83,6 +85,8 @@ def diagnose(
                 above = [look(reduced) if part.nominal else (reduced, part) for reduced, part in above]
             if len(above) > 1:
                 shared = behind_all(twin, reduction, above, len(looked_at), seed, say)
+                if shared is not None and shared.one_of_several:
+                    first, shared = shared.finding.term, None
             elif not above and shared is None:
                 shared = in_common(twin, reduction, looked_at, seed, say)
             if not above and shared is None:
@@ -92,13 +96,14 @@ def diagnose(
             while shared is not None:
                 theirs = {part.joints for _, part in shared.looked_at}
                 outcomes = [outcome for outcome in outcomes if outcome.joints not in theirs]
-                for reduced, part in shared.looked_at:
+                for reduced, part in shared.settled:
                     outcomes.append(replace(begun_outcome(reduced, part), within_floor=True))
                 groups = [group for group in groups if group.joints not in theirs]
                 findings.append(shared.finding)  # it is found, whatever time is left for who else has it
                 causes.append(shared.posterior)
                 finding, above = at_all(shared.finding, groups, outcomes, seed, say)
                 findings[-1] = finding
+                above = shared.forced + above
                 if finding.target != ROBOT:
                     break
                 # beside what all have some may have something of their own, which several feel
@@ -109,9 +114,10 @@ def diagnose(
                 groups = [with_everywhere(group, finding) for group in groups]
                 shared = behind_all(twin, reduction, above, len(begun), seed, say) if len(above) > 1 else None
             fitted = as_fitted(twin, looked_at)
-            search = UnitSearch(twin, reduction, fitted, seed, say, most_effects, outcomes, left_out.touching)
+            late_at = frozenset(joint for _, part in behind for joint in part.joints)
+            search = UnitSearch(twin, reduction, fitted, seed, say, most_effects, outcomes, left_out.touching, late_at)
             for unit in units(twin, above):
-                search.search(unit)
+                search.search(unit, first)
             if not findings and (once := said_once(groups, outcomes, seed, say)):
                 finding, outcomes = once
                 findings.append(finding)

@@ -44,11 +44,13 @@ def next_effect(
     *,
     against: Fit | None = None,
     before: AskedBefore | None = None,
+    late: bool = False,
 ) -> Accepted | None:
     """One more effect for a part: the best that passes held-out validation, and what it cannot be told from.
 
     Where it has to stand `against` a fit of the same motion, none is fitted in full unless a first fit takes most of
     what that one leaves away. Of joints that were looked at `before` on their own only what came near is asked.
+    A part that is `late`, as others tell when commands come, lacks something however little its nuisances leave.
     """
     screening = Screening(part, before)
     chosen = _shortlist(screening, part, outcome)
@@ -58,7 +60,8 @@ def next_effect(
         tried[first.hypothesis.name] = first if other is None or first.cost < other.cost else other
     first_fits = sorted(tried.values(), key=lambda first: first.cost)
     # at the floor, with nothing far off, an effect has to be worth its name
-    unforced = part.within_floor and not any(abs(s) > DEVIATING_SIGMA for s in part.base.deviations.values())
+    forced = late or any(abs(s) > DEVIATING_SIGMA for s in part.base.deviations.values())
+    unforced = part.within_floor and not forced
     if unforced and not any(map(screening.promises, (first.cost for first in first_fits))):
         for first in first_fits:
             gain = 0.5 * (screening.cost - first.cost)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin_daemon.diagnosis.as_fitted import looked_at_again
+from twin_daemon.diagnosis.far_off import beyond_any_hand, deviating
 from twin_daemon.diagnosis.group import GroupRows, at_nominal, look
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.probability import posterior
@@ -36,6 +37,7 @@ from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
 from twin_daemon.estimation.uncertainty import block_gain, inflation
 from twin_daemon.executor import concurrently
+from twin_daemon.places import HAND, ROBOT
 from twin_daemon.simulation.submodel import linked
 from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
@@ -49,6 +51,30 @@ class Shared:
     posterior: Mapping[str, float]
     terms: Terms
     looked_at: list[tuple[Reduced, PartFit]]
+
+    @property
+    def one_of_several(self) -> bool:
+        """Whether it is a load at a joint beside which some value has to be further off than any plausible hand's.
+
+        That value stands in for a second effect, beside which the load is another one.
+        """
+        sure = self.finding.target not in (ROBOT, HAND) and not self.finding.confusable_with
+        return sure and any(_is_forced(part) for _, part in self.looked_at)
+
+    @property
+    def forced(self) -> list[tuple[Reduced, PartFit]]:
+        """Of a cause of the whole robot the groups that may have an effect of their own beside it."""
+        return [one for one in self.looked_at if self.finding.target == ROBOT and _is_forced(one[1])]
+
+    @property
+    def settled(self) -> list[tuple[Reduced, PartFit]]:
+        """The others."""
+        return [one for one in self.looked_at if not (self.finding.target == ROBOT and _is_forced(one[1]))]
+
+
+def _is_forced(part: PartFit) -> bool:
+    """Whether some uncertain value has to be further off than any plausible hand's."""
+    return bool(beyond_any_hand(deviating(part)))
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.processes import Say
 from twin_daemon.processor_time import OutOfTime
 from twin_daemon.simulation.submodel import linked
+from twin_daemon.simulation.terms import EffectTerm
 from twin_daemon.simulation.twin import TwinModel
 
 
@@ -28,7 +29,10 @@ def units(twin: TwinModel, above: Sequence[tuple[Reduced, PartFit]]) -> list[lis
 
 @dataclass(frozen=True)
 class UnitSearch:
-    """The search for effects at groups above the floor. What they say is added to `outcomes` as it is known."""
+    """The search for effects at groups above the floor. What they say is added to `outcomes` as it is known.
+
+    `late` are joints at which commands come later than at others.
+    """
 
     twin: TwinModel
     reduction: Reduction
@@ -38,20 +42,23 @@ class UnitSearch:
     most_effects: int
     outcomes: list[Outcome]
     touching: list[str]
+    late: frozenset[str] = frozenset()
 
-    def search(self, unit: Sequence[tuple[Reduced, PartFit]]) -> None:
+    def search(self, unit: Sequence[tuple[Reduced, PartFit]], begins: EffectTerm | None = None) -> None:
         """Searches groups that feel each other one after another, the worst first.
 
         What is found at the worst one often is all: its neighbours were told a wrong motion of it, or a wrong load. So
         they are looked at anew with it. Where no effect of one group explains it, all that are left are searched as
-        one. Of a search for no effect of a group each of them only says what it leaves.
+        one, as are those that feel an effect which is known to be the first there (`begins`). Of a search for no effect
+        of a group each of them only says what it leaves.
         """
         if not self.most_effects:
             self.outcomes.extend(begun_outcome(reduced, part) for reduced, part in unit)
             return
         twin, left = self.twin, list(unit)
         first: Outcome | None = None
-        while len(left) > 1:
+        begins = begins if begins and any(begins.target in reduced.joints for reduced, _ in unit) else None
+        while len(left) > 1 and not begins:
             left.sort(key=lambda item: -float(item[1].times_floor.max()))
             reduced, part = left[0]
             outcome = self._searched(twin, part, reduced)
@@ -65,11 +72,15 @@ class UnitSearch:
         if len(left) == 1:
             reduced, part = left[0]
             self.outcomes.append(self._searched(twin, part, reduced))
-        elif left and (found := self._together(twin, left, first)) is not None:
+        elif left and (found := self._together(twin, left, first, begins)) is not None:
             self.outcomes.append(found)
 
     def _together(
-        self, twin: TwinModel, left: Sequence[tuple[Reduced, PartFit]], first: Outcome | None
+        self,
+        twin: TwinModel,
+        left: Sequence[tuple[Reduced, PartFit]],
+        first: Outcome | None,
+        begins: EffectTerm | None = None,
     ) -> Outcome | None:
         """What groups say that are searched as one, or what the `first` of them said where time is over before that."""
         try:
@@ -80,7 +91,7 @@ class UnitSearch:
             reduced, part = look(whole)
         except OutOfTime:
             return first and replace(first, unfinished=True)
-        found = self._searched(twin, part, reduced, first and _asked(first))
+        found = self._searched(twin, part, reduced, first and _asked(first), begins)
         return first if first and found.unfinished and not found.accepted else found
 
     @property
@@ -104,8 +115,17 @@ class UnitSearch:
                     values.pop(name, None)
         return with_values(twin, values)
 
-    def _searched(self, twin: TwinModel, part: PartFit, reduced: Reduced, before: AskedBefore | None = None) -> Outcome:
-        search = PartSearch(part, reduced, self.seed, self.say, self.most_effects, before)
+    def _searched(
+        self,
+        twin: TwinModel,
+        part: PartFit,
+        reduced: Reduced,
+        before: AskedBefore | None = None,
+        begins: EffectTerm | None = None,
+    ) -> Outcome:
+        search = PartSearch(
+            part, reduced, self.seed, self.say, self.most_effects, before, bool(self.late & set(part.joints)), begins
+        )
         begun = search.begun()
         try:
             nearer = self._nearer(twin, begun, reduced)
