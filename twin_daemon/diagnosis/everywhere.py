@@ -12,7 +12,7 @@ from twin_daemon.diagnosis.group import look
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.shared import Shared, SharedSearch
 from twin_daemon.diagnosis.shared_cause import SharedCause, shared_causes
-from twin_daemon.diagnosis.thresholds import CLOSER_LOOK, DEVIATING_SIGMA, OF_ALL_LEFT
+from twin_daemon.diagnosis.thresholds import CLOSER_LOOK, COMMON_DELAY_SIGMA, DEVIATING_SIGMA, OF_ALL_LEFT
 from twin_daemon.diagnosis.verdict import Finding
 from twin_daemon.effects import LIBRARY
 from twin_daemon.estimation.nuisances import NOMINAL_KINDS
@@ -94,9 +94,16 @@ def in_common(
 
 
 def _off_the_same_way(looked_at: Sequence[tuple[Reduced, PartFit]], kind: str) -> bool:
-    """Whether the nominal values of a kind ("kp", "damping", ...) are off by more than each on its own may be."""
+    """Whether the nominal values of a kind ("kp", "damping", ...) are off by more than each on its own may be.
+
+    A delay is one value for all, whatever each group says of it: their mean is no better known than one of them, and
+    many agree on any.
+    """
     found = [sigma for _, part in looked_at for name, sigma in part.base.deviations.items() if kind in name.split(".")]
-    return len(found) > 1 and abs(sum(found)) > DEVIATING_SIGMA * len(found) ** 0.5
+    if len(found) < 2:
+        return False
+    most = COMMON_DELAY_SIGMA if kind == _DELAY else DEVIATING_SIGMA / len(found) ** 0.5
+    return abs(sum(found)) / len(found) > most
 
 
 def with_everywhere(group: Reduced, finding: Finding) -> Reduced:

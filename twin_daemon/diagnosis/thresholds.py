@@ -84,6 +84,11 @@ MOVED_SIGMA = Threshold(
 )
 SUSPECT_SIGMA = Threshold(3.0, "sigma", "of a nuisance from its prior: it may stand in for something")
 DEVIATING_SIGMA = Threshold(4.0, "sigma", "of a nuisance from its prior: something moves it")
+COMMON_DELAY_SIGMA = Threshold(
+    2.5,
+    "sigma",
+    "of the delay that all groups agree on, half a cycle each: no command waits for more than a cycle",
+)
 HARDLY_FURTHER = Threshold(
     1.1, "1", "times that: where the same fit within a nat is no further off, it counts. Descents end so far apart"
 )
