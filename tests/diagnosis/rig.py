@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,20 +22,28 @@ _LINK = """<body name="{0}_link" pos="0 {1} 0">
 _SERVO = '<position name="{0}" joint="{0}" kp="4" kv="0.15" ctrlrange="-1.5 1.5"/>'
 _TIMES_S = [0.0, 0.4, 0.41, 1.2, 2.2, 2.5, 2.51, 3.2, 3.8, 4.4, 4.41, 5.5]
 _SHARES = [0.0, 0.0, 0.6, 0.6, -0.5, -0.5, 0.1, 0.1, 0.3, 0.1, -0.3, -0.3]
-_MOTION: Motion = {
-    name: ([t + 0.1 * i for t in _TIMES_S], [(-1) ** i * share for share in _SHARES]) for i, name in enumerate(SERVOS)
-}
+
+
+def motion_of(servos: Sequence[str]) -> Motion:
+    """All servos in motion, one a little after the other."""
+    return {
+        name: ([t + 0.1 * i for t in _TIMES_S], [(-1) ** i * share for share in _SHARES])
+        for i, name in enumerate(servos)
+    }
+
+
+_MOTION = motion_of(SERVOS)
 
 
 LAZY: Motion = {**_MOTION, "right": ([0.0, 6.0], [0.0, 0.1])}
 """The same motion but for one joint, which goes so slowly that a late command hardly shows at it."""
 
 
-def rig_model(folder: Path) -> Path:
+def rig_model(folder: Path, names: Sequence[str] = SERVOS) -> Path:
     """The MJCF of the rig."""
     path = folder / "rig.xml"
-    links = "".join(_LINK.format(name, 0.5 * i) for i, name in enumerate(SERVOS))
-    servos = "".join(map(_SERVO.format, SERVOS))
+    links = "".join(_LINK.format(name, 0.5 * i) for i, name in enumerate(names))
+    servos = "".join(map(_SERVO.format, names))
     path.write_text(
         f'<mujoco model="rig"><compiler angle="radian"/><option timestep="0.002"/><worldbody>{links}</worldbody>'
         f"<actuator>{servos}</actuator></mujoco>"
@@ -62,8 +70,11 @@ def changed_rig(
     motion: Motion = _MOTION,
     noise_rad: float = 1e-4,
 ) -> tuple[Path, Path, Path]:
-    """(the rig's MJCF, a bag of one with an effect at its target and others `beside` it, another with other noise)."""
-    model = rig_model(folder)
+    """(the rig's MJCF, a bag of one with an effect at its target and others `beside` it, another with other noise).
+
+    It has the servos that are in motion.
+    """
+    model = rig_model(folder, tuple(motion))
     twin = TwinModel.load(load_hand(model=model))
     plant = twin.changed(Terms(effects=(EffectTerm(effect=key, target=target, values=dict(values)), *beside)))
     made = [recorded(plant, motion, np.random.default_rng(seed), seconds=6.0, noise_rad=noise_rad) for seed in (6, 7)]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin_daemon.diagnosis.part_fit import PartFit
-from twin_daemon.diagnosis.thresholds import DEVIATING_SIGMA
+from twin_daemon.diagnosis.thresholds import COMMON_DELAY_SIGMA, DEVIATING_SIGMA
 from twin_daemon.estimation.solvers.trust_region import differenced
 from twin_daemon.estimation.variables import OnsetVariable
 from twin_daemon.executor import concurrently
@@ -29,12 +29,17 @@ class CommonDelay:
 
 @dataclass(frozen=True)
 class _Said:
-    """What a part says of a recording's delay, s; `rounded_s` is how far two parts may differ by the model's step."""
+    """What a part says of a recording's delay, s; `rounded_s` is how far two parts may differ by the model's step.
 
-    part: PartFit
+    `known_to_s` is how well the delay is known before any motion is looked at. The part is known by its `number`: it
+    may be another process that has asked it.
+    """
+
+    number: int
     delay_s: float
     sigma_s: float
     rounded_s: float
+    known_to_s: float
 
     def later_than(self, delay_s: float, sigma_s: float) -> float:
         """By how many sigma it comes later."""
@@ -49,23 +54,45 @@ def common_delay(parts: Sequence[PartFit]) -> CommonDelay | None:
     """
     if len(parts) < 2:  # what one says is later than nothing, and costs a derivative
         return None
-    said: dict[str, list[_Said]] = defaultdict(list)
-    for found in concurrently(_said_by, parts):
-        for sha256, one in found.items():
-            said[sha256].append(one)
     common: dict[str, tuple[float, float]] = {}
-    late: list[PartFit] = []
-    for sha256, each in said.items():
+    late: set[int] = set()
+    for sha256, each in _said_by_all(parts).items():
         agreeing = _agreeing(each)
         if not agreeing or len(agreeing) < min(2, len(each) - 1) or 2 * len(agreeing) < len(each):
             continue
-        weights = np.array([one.sigma_s**-2 for one in agreeing])
-        mean = float(weights @ [one.delay_s for one in agreeing] / weights.sum())
-        sigma = float(weights.sum() ** -0.5)
+        mean, sigma = _mean(agreeing)
         common[sha256] = mean, float(np.hypot(sigma, agreeing[0].rounded_s))
-        late += [one.part for one in each if one.later_than(mean, sigma) > DEVIATING_SIGMA]
-    found = tuple(part for index, part in enumerate(late) if all(part is not earlier for earlier in late[:index]))
-    return CommonDelay(common, found) if found else None
+        late |= {one.number for one in each if one.later_than(mean, sigma) > DEVIATING_SIGMA}
+    return CommonDelay(common, tuple(parts[number] for number in sorted(late))) if late else None
+
+
+def within_a_cycle(parts: Sequence[PartFit]) -> dict[str, tuple[float, float]] | None:
+    """When all commands of each recording take effect, s by its sha256: (delay, sigma), as all parts agree.
+
+    None where they do not, or where that is later than a cycle of the robot explains.
+    """
+    common: dict[str, tuple[float, float]] = {}
+    for sha256, each in _said_by_all(parts).items():
+        mean, sigma = _mean(each)
+        if len(_agreeing(each)) < len(parts) or abs(mean) > COMMON_DELAY_SIGMA * each[0].known_to_s:
+            return None
+        common[sha256] = mean, float(np.hypot(sigma, each[0].rounded_s))
+    return common or None
+
+
+def _said_by_all(parts: Sequence[PartFit]) -> dict[str, list[_Said]]:
+    """By recording what each part says of its delay."""
+    said: dict[str, list[_Said]] = defaultdict(list)
+    for found in concurrently(_said_by, list(enumerate(parts))):
+        for sha256, one in found.items():
+            said[sha256].append(one)
+    return said
+
+
+def _mean(said: Sequence[_Said]) -> tuple[float, float]:
+    """(s, s): the weighed mean with its sigma."""
+    weights = np.array([one.sigma_s**-2 for one in said])
+    return float(weights @ [one.delay_s for one in said] / weights.sum()), float(weights.sum() ** -0.5)
 
 
 def _agreeing(said: Sequence[_Said]) -> list[_Said]:
@@ -77,8 +104,9 @@ def _agreeing(said: Sequence[_Said]) -> list[_Said]:
     return min(sets, key=lambda one: (-len(one[0]), one[1]))[0] if sets else []
 
 
-def _said_by(part: PartFit) -> dict[str, _Said]:
+def _said_by(numbered: tuple[int, PartFit]) -> dict[str, _Said]:
     """By recording: one Gauss-Newton step from where a part's nuisances are, and how sure that is."""
+    number, part = numbered
     problem, point = part.base.problem, part.base.point
     rows = problem.residuals(point[None])[0]
     slopes = differenced(problem, point, rows, range(len(point)))
@@ -88,9 +116,10 @@ def _said_by(part: PartFit) -> dict[str, _Said]:
     rounded = float(part.twin.model.opt.timestep) / 12.0**0.5
     found = {}
     for index, variable in enumerate(problem.variables):
-        if isinstance(variable, OnsetVariable) and variable.recordings:
+        if isinstance(variable, OnsetVariable) and variable.recordings and variable.prior is not None:
             span = variable.upper - variable.lower
             sha256 = part.recordings[variable.recordings[0]].recording.sha256
             delay_s = variable.lower + span * float(moved[index])
-            found[sha256] = _Said(part, delay_s, span * float(covariance[index, index]) ** 0.5, rounded)
+            sigma_s = span * float(covariance[index, index]) ** 0.5
+            found[sha256] = _Said(number, delay_s, sigma_s, rounded, variable.prior.sigma)
     return found

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from twin_daemon.diagnosis.all_servos import of_all_servos
+from twin_daemon.diagnosis.as_fitted import looked_at_again
+from twin_daemon.diagnosis.common_delay import within_a_cycle
 from twin_daemon.diagnosis.conclude import Outcome
 from twin_daemon.diagnosis.floor_check import within_floor
 from twin_daemon.diagnosis.group import look
@@ -81,10 +83,17 @@ def in_common(
 
     One gain may be three sigma off. Eleven that are three sigma off the same way are a supply that sags: under what is
     known of nominal values their mean has a sigma of one over the root of eleven. A weak servo without gravity looks
-    like one with more to move, and a late bus like damping, so that whatever is off asks for all of them.
+    like one with more to move, and a late bus like damping, so that whatever is off asks for all of them. But where
+    all agree on a delay that a cycle of the robot explains, what made up for it in each of them is no cause.
     """
     if not any(_off_the_same_way(looked_at, kind) for kind in (*NOMINAL_KINDS, _DELAY)):
         return None
+    delays = within_a_cycle([part for _, part in looked_at])
+    if delays is not None:
+        reduction = reduction.delayed(delays)
+        looked_at = looked_at_again(twin, reduction, [reduced for reduced, _ in looked_at])
+        if not any(_off_the_same_way(looked_at, kind) for kind in NOMINAL_KINDS):
+            return None
     causes = [SharedCause(effect, ROBOT) for effect in LIBRARY.values() if effect.shared in ("servos", "joints")]
     shared = SharedSearch(twin, reduction, looked_at).best(causes, seed)
     if shared is None:
