@@ -109,7 +109,10 @@ class PartSearch:
         part = self.part
         progress = self._further(begun or self.begun(), None, self.most_effects)
         found, left = progress.outcome, progress.left
-        begins = [one for one in found.others if one.hypothesis.name not in found.names][:FINALISTS]
+        # what takes less than a second effect has to is no first one
+        most = (1.0 - REFINEMENT) * part.base.cost
+        begins = [one for one in found.others if one.hypothesis.name not in found.names and one.fit.cost < most]
+        begins = begins[:FINALISTS]
         # all that was accepted has one fit; of single beginnings the first is the best
         best = found.accepted or begins
         if found.unfinished or self.most_effects < 2 or not best:
