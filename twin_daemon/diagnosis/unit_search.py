@@ -71,7 +71,7 @@ class UnitSearch:
             left = self._above(twin, [reduced for reduced, _ in left[1:]])
         if len(left) == 1:
             reduced, part = left[0]
-            self.outcomes.append(self._searched(twin, part, reduced))
+            self.outcomes.append(self._searched(twin, part, reduced, begins=begins))
         elif left and (found := self._together(twin, left, first, begins)) is not None:
             self.outcomes.append(found)
 
