@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from tests.diagnosis.conftest import JOINT, called
+from tests.diagnosis.findings import finding
 from tests.simulation.made import FINGER
 from tests.simulation.made import recorded as moved_finger
 from twin_daemon.diagnosis.as_fitted import as_fitted, with_values
@@ -51,6 +52,19 @@ def test_a_parameter_beyond_any_plausible_hand_is_no_noise(twin: TwinModel, sigm
     said = conclude(twin, (), [outcome], LeftOut(), False)
     assert said.verdict == verdict
     assert (f"{JOINT}.armature" in said.reason) == (verdict == "unexplained")
+
+
+@pytest.mark.parametrize(("sigma", "verdict"), [(9.0, "ambiguous"), (1.0, "explained")])
+def test_a_cause_that_groups_share_is_no_surer_than_the_worst_of_them(
+    twin: TwinModel, sigma: float, verdict: str
+) -> None:
+    """A value that has to be far off beside it may stand in for a law that is not known."""
+    cause = finding("viscous_friction", ROBOT, (JOINT,), "").model_copy(
+        update={"confusable_with": (), "probability": 1.0}
+    )
+    outcome = Outcome("FF", (JOINT,), 0.4, {f"{JOINT}.armature": sigma}, within_floor=True)
+    said = conclude(twin, (), [outcome], LeftOut(), False, [cause], [{cause.name: 1.0}])
+    assert said.verdict == verdict
 
 
 @pytest.mark.parametrize(

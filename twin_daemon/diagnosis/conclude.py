@@ -135,7 +135,7 @@ def conclude(
     """`shared` are findings of several groups together, each with a distribution over what may be in its place."""
     causes = len(shared) + sum(len(o.accepted) for o in outcomes)
     unknowns = [o.what_is_left.unknown(causes) for o in outcomes]
-    findings = [*shared]
+    findings = [_beside_unknown(finding, outcomes, unknowns) for finding in shared]
     for o, unknown in zip(outcomes, unknowns, strict=True):
         findings += [_finding(item, unknown) for item in o.accepted]
     findings = ranked(findings)
@@ -241,6 +241,13 @@ def _causes(outcomes: Sequence[Outcome], shared: Sequence[Mapping[str, float]]) 
     """One distribution for each place among the causes."""
     own = [item.posterior for outcome in outcomes for item in outcome.accepted]
     return [*shared, *own]
+
+
+def _beside_unknown(finding: Finding, outcomes: Sequence[Outcome], unknowns: Sequence[float]) -> Finding:
+    """A shared cause, no more probable than its worst group lets it be: all may feel a law that is not known."""
+    felt = [u for o, u in zip(outcomes, unknowns, strict=True) if set(o.joints) & set(finding.joints)]
+    known = 1.0 - max(felt, default=0.0)
+    return finding.model_copy(update={"probability": known * (finding.probability or 0.0)})
 
 
 def _too_poor(outcome: Outcome) -> str:
