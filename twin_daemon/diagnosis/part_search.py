@@ -7,13 +7,13 @@ from functools import cached_property
 
 import numpy as np
 
-from twin_daemon.diagnosis.candidates import hypotheses
+from twin_daemon.diagnosis.candidates import candidate
 from twin_daemon.diagnosis.conclude import Accepted, Outcome
 from twin_daemon.diagnosis.far_off import beyond_any_hand, deviating, needed
 from twin_daemon.diagnosis.fit import Fit
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.screening import AskedBefore
-from twin_daemon.diagnosis.selection import decisive, next_effect, swap_rivals, weight_of
+from twin_daemon.diagnosis.selection import decisive, fitted_at, next_effect, swap_rivals, weight_of
 from twin_daemon.diagnosis.thresholds import (
     ADEQUATE_FLOORS,
     COMPARABLE,
@@ -25,6 +25,7 @@ from twin_daemon.diagnosis.thresholds import (
     RELATIVE_ERROR,
 )
 from twin_daemon.diagnosis.validation import Validation, most_left
+from twin_daemon.effects import LIBRARY
 from twin_daemon.estimation.partition import Reduced
 from twin_daemon.processes import Say
 from twin_daemon.processor_time import OutOfTime
@@ -88,17 +89,12 @@ class PartSearch:
         part, term = self.part, self.begins
         if term is None:
             return None
-        every = hypotheses(part.twin, part.joints, whole_hand=False)
-        hypothesis = next((one for one in every if (one.effect.key, one.target) == (term.effect, term.target)), None)
-        if hypothesis is None:
-            return None
-        begun = hypothesis.starting((term.values, *hypothesis.starts))
-        problem = part.problem_with((begun, begun.starts[0]))
-        fit = part.ended(begun, problem, problem.start, FULL_FIT_ROLLOUTS)
+        hypothesis = candidate(LIBRARY[term.effect], term.target, part.twin, term.target)
+        fit = fitted_at(part, hypothesis, term.values, {})
         judged, bar = self.validation.judge(fit), decisive(fit)
         if not judged.passes:
             return None
-        return Accepted(part, fit, judged, weighed={begun.name: weight_of(part, fit, bar)}, decisive_nats=bar)
+        return Accepted(part, fit, judged, weighed={hypothesis.name: weight_of(part, fit, bar)}, decisive_nats=bar)
 
     def outcome(self, begun: Progress | None = None) -> Outcome:
         """What the part lacks: one effect after another; where that leaves too much, from another beginning as well.

@@ -108,7 +108,7 @@ def diagnose(
                     break
                 # beside what all have some may have something of their own, which several feel
                 twin = twin.changed(shared.terms)
-                looked_at = [*shared.looked_at, *above]
+                looked_at = [*shared.settled, *above]
                 reduction, again = closer(twin, reduction, looked_at, above)
                 above = above_floor(again, outcomes, seed, say)
                 groups = [with_everywhere(group, finding) for group in groups]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import permutations
 
@@ -191,11 +191,18 @@ def _limits_of(part: PartFit, screening: Screening, laws: Sequence[Fit]) -> list
 
     def fitted_from(pair: tuple[Hypothesis, Fit]) -> Fit:
         hypothesis, law = pair
-        begun = hypothesis.starting((hypothesis.effect.as_limit_of(law.values), *hypothesis.starts))
-        problem = part.problem_with((begun, begun.starts[0]))
-        return part.ended(begun, problem, problem.start_from(law.nuisances), FULL_FIT_ROLLOUTS)
+        return fitted_at(part, hypothesis, hypothesis.effect.as_limit_of(law.values), law.nuisances)
 
     return concurrently_here(fitted_from, pairs)
+
+
+def fitted_at(
+    part: PartFit, hypothesis: Hypothesis, values: Mapping[str, float], nuisances: Mapping[str, float]
+) -> Fit:
+    """The full fit of a candidate from known values and nuisances; of those that are not given, from nominal ones."""
+    begun = hypothesis.starting((values, *hypothesis.starts))
+    problem = part.problem_with((begun, begun.starts[0]))
+    return part.ended(begun, problem, problem.start_from(nuisances), FULL_FIT_ROLLOUTS)
 
 
 def _lost(
