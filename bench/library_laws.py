@@ -29,7 +29,7 @@ _LEAST_LATE_S = 0.04
 _LENGTH_M, _MASS_KG = 0.2, 0.2  # of the forearm
 _RADIUS_M = 0.04
 
-_GRAVITY = (("torque", "position"), ("torque", "shoulder"))
+_GRAVITY = (("torque", "orientation"), ("torque", "position"), ("torque", "shoulder"))
 _FRICTION = (("torque", "velocity"), ("torque", "direction"))
 _LATE = (("command", "command_rate"),)
 ANSWERS: dict[str, tuple[tuple[str, str], ...]] = {

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 import yaml
@@ -13,6 +14,7 @@ from twin_daemon.cli.app import main
 from twin_daemon.effects import LIBRARY, reload_files
 from twin_daemon.effects.base import Measurement, ReadingCurve
 from twin_daemon.effects.from_files import EffectFile, folder, load_effect_file, save_effect_file
+from twin_daemon.proposals.formula import FAMILIES
 from twin_daemon.simulation.rollout import roll_out
 from twin_daemon.simulation.terms import EffectTerm, Terms
 from twin_daemon.simulation.twin import TwinModel
@@ -136,6 +138,37 @@ def test_a_torque_over_the_angle_holds_the_joint_where_it_balances_the_servo(twi
         )
     moved = ends[1] - ends[0]
     assert moved == pytest.approx(strength * 0.4 / 8.0, abs=0.006)
+
+
+@pytest.mark.parametrize(
+    ("key", "values"),
+    [
+        ("constant", [0.1]),
+        ("line", [0.1, -0.4]),
+        ("above", [30.0, 0.5]),
+        ("below", [30.0, -0.5]),
+        ("both", [30.0, -0.5, 0.5]),
+        ("sine", [0.2, 9.0, 0.7, 0.05]),
+    ],
+)
+def test_a_formula_with_a_native_form_pulls_as_it_says(twin: TwinModel, key: str, values: list[float]) -> None:
+    family = FAMILIES[key]
+    at = np.array([-1.0, -0.3, 0.2, 0.9])
+    told = {name: (value, value, value) for name, value in zip(family.names, values, strict=True)}
+    content = EffectFile.model_validate(PLAIN | {"formula_values": told})
+    save_effect_file(content)
+    reload_files()
+    changed = twin.changed(Terms(effects=(EffectTerm(effect="my_law", target="elbow", values={"strength": 1.0}),)))
+    elbow = twin.joints.index("elbow")
+    for angle, torque in zip(at, family.shape(np.array(values), at), strict=True):
+        given = []
+        for one in (twin, changed):
+            data = mujoco.MjData(one.model)
+            data.qpos[one.qpos_adr[elbow]] = angle
+            mujoco.mj_forward(one.model, data)
+            given.append((data.qfrc_passive + data.qfrc_actuator)[one.dof_adr[elbow]])
+        assert given[1] - given[0] == pytest.approx(torque, abs=1e-6)
+    assert "the whole law is in it" in LIBRARY["my_law"].story.remedy
 
 
 def test_a_law_without_a_native_form_says_what_its_model_lacks() -> None:

@@ -8,15 +8,13 @@ import pytest
 from twin_daemon.proposals.features import Feature
 from twin_daemon.proposals.formula import dense, formulas
 
-_RNG = np.random.default_rng(3)
-
 
 def _feature(over: str, knots: np.ndarray) -> Feature:
     return Feature("torque", over, tuple(knots), "N m", 1.0, neighbour="next" if over == "neighbour" else "")
 
 
 def _best(over: str, knots: np.ndarray, curve: np.ndarray):
-    noisy = curve + 0.002 * _RNG.standard_normal(len(curve))
+    noisy = curve + 0.002 * np.random.default_rng(3).standard_normal(len(curve))
     return formulas(_feature(over, knots), noisy, np.full(len(curve), 0.003))[0]
 
 
@@ -29,6 +27,11 @@ ERRORS = np.array([-0.3, -0.15, -0.075, -0.03, -0.01, 0.0, 0.01, 0.03, 0.075, 0.
     [
         ("sine", "position", ANGLES, 0.05 * np.sin(9.0 * ANGLES + 0.7)),
         ("line", "position", ANGLES, 0.1 - 0.2 * ANGLES),
+        ("constant", "position", ANGLES, np.full_like(ANGLES, 0.1)),
+        ("cubic", "position", ANGLES, -0.2 * ANGLES - 0.4 * ANGLES**3),
+        ("above", "position", ANGLES, -0.8 * np.maximum(ANGLES - 0.75, 0.0)),
+        ("below", "position", ANGLES, 0.8 * np.maximum(-0.5 - ANGLES, 0.0)),
+        ("proportional", "velocity", ERRORS, -0.8 * ERRORS),
         ("bump", "position", ANGLES, 0.3 * np.exp(-(((ANGLES - 0.2) / 0.3) ** 2))),
         ("settling", "time", np.linspace(0.0, 20.0, 8), -0.6 * (1.0 - np.exp(-np.linspace(0.0, 20.0, 8) / 4.0))),
         ("power", "velocity", ERRORS, -0.8 * ERRORS * np.abs(ERRORS)),
@@ -45,6 +48,12 @@ def test_a_sine_has_a_positive_size_and_a_phase_within_half_a_turn() -> None:
     assert amplitude == pytest.approx(0.05, rel=0.1)
     assert waves == pytest.approx(9.0, rel=0.02)
     assert phase == pytest.approx(0.7 - np.pi, abs=0.1)
+
+
+def test_a_constant_beside_a_factor_is_no_law_of_the_variable() -> None:
+    feature = Feature("command", "position", tuple(ANGLES), "1", 1.0, factor="error")
+    found = formulas(feature, np.full(len(ANGLES), 0.1), np.full(len(ANGLES), 0.003))
+    assert "constant" not in {one.family.key for one in found}
 
 
 def test_a_memory_has_no_formula() -> None:

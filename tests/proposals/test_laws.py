@@ -13,7 +13,8 @@ from twin_daemon.effects import BUILT_IN
 from twin_daemon.estimation.posterior import Posterior
 from twin_daemon.proposals.features import OF_NEIGHBOURS, Feature, features
 from twin_daemon.proposals.law_problem import LawProblem
-from twin_daemon.proposals.track import Track, track
+from twin_daemon.proposals.track import Track, orientation, track
+from twin_daemon.simulation.terms import EffectTerm
 from twin_daemon.simulation.twin import TwinModel
 
 Recorded = Callable[[str, float, float], list[list[Any]]]
@@ -24,7 +25,7 @@ SPEEDS = (-2.0, -0.1, 0.1, 2.0)
 def moved(twin: TwinModel, train: Any, feature: Feature, values: list[float]) -> list[np.ndarray]:
     """Predicted readings (n,) of the elbow with a law, by piece."""
     actuator = twin.actuators.index("elbow")
-    tracks = [track(twin, one, "elbow", actuator, []) for one in train]
+    tracks = [track(twin, twin, one, "elbow", actuator, []) for one in train]
     problem = LawProblem(
         twin, train, (), ["elbow"], FLOOR, feature=feature, joint="elbow", actuator=actuator, tracks=tracks
     )
@@ -81,6 +82,49 @@ def test_a_torque_over_the_acceleration_is_inertia(twin: TwinModel, recorded: Re
     (neither,) = with_own(twin, train, "elbow.armature", 0.0)
     # but for the low-pass on the acceleration
     assert np.abs(law - own).mean() < 0.5 * np.abs(neither - own).mean()
+
+
+def test_a_torque_over_time_and_velocity_is_damping_where_it_is_constant(twin: TwinModel, recorded: Recorded) -> None:
+    train, _ = recorded("sound", 8.0, 6.0)
+    feature = Feature("torque", "time", (0.0, 10.0), "N m s/rad", 4.0, factor="velocity")
+    (law,) = moved(twin, train, feature, [-0.2, -0.2])
+    (own,) = with_own(twin, train, "elbow.damping", 0.2)
+    (neither,) = with_own(twin, train, "elbow.damping", 0.0)
+    assert np.abs(law - own).mean() < 0.02 * np.abs(neither - own).mean()
+
+
+def test_a_command_of_limited_rate_arrives_as_the_librarys_does(twin: TwinModel, recorded: Recorded) -> None:
+    train, _ = recorded("sound", 8.0, 6.0)
+    feature = Feature("command", "command_rate", (1.0, 2.0), "1", 2.0, memory="slew")
+    (law,) = moved(twin, train, feature, [1.0, 0.0])
+    (neither,) = moved(twin, train, feature, [0.0, 0.0])
+    limited = twin.changed(
+        twin.terms.with_effect(EffectTerm(effect="rate_limit", target="elbow", values={"rate": 1.0}))
+    )
+    own = Posterior(limited, train, (), ["elbow"], FLOOR).predict(np.zeros((1, 0)))[0][0, :, 0]
+    assert np.abs(law - own).mean() < 0.02 * np.abs(neither - own).mean()
+
+
+def test_a_straight_line_is_smooth_on_knots_that_are_dense_about_none(twin: TwinModel, recorded: Recorded) -> None:
+    train, _ = recorded("sound", 8.0, 6.0)
+    at = np.array([-2.0, -0.5, -0.1, 0.0, 0.1, 0.5, 2.0])
+    tracks = [track(twin, twin, one, "elbow", twin.actuators.index("elbow"), []) for one in train]
+    feature = Feature("torque", "velocity", tuple(at), "N m", 1.0)
+    problem = LawProblem(
+        twin, train, (), ["elbow"], FLOOR, feature=feature, joint="elbow", actuator=1, tracks=tracks, smoothness=100.0
+    )
+    line, bent = (problem.point(np.zeros(0), curve)[None] for curve in (0.1 * at, 0.1 * np.abs(at)))
+    bends = slice(len(at), None)  # behind the values' own sizes
+    assert np.abs(problem.prior_residuals(line)[:, bends]).max() < 1e-9
+    assert np.abs(problem.prior_residuals(bent)[:, bends]).max() > 1.0
+
+
+def test_gravity_turns_about_a_link_with_all_joints_before_it(twin: TwinModel, recorded: Recorded) -> None:
+    train, _ = recorded("sound", 8.0, 6.0)
+    both = train[0].states.sum(axis=1)  # shoulder and elbow have parallel axes
+    found = orientation(twin, train[0], "elbow")
+    assert min(np.std(found - both), np.std(found + both)) < 1e-9 < 0.1 < np.std(found)
+    assert not orientation(twin, train[0], "shoulder").any()  # its own angle says it all
 
 
 def test_every_effect_of_the_library_has_an_answer_that_a_search_can_give() -> None:

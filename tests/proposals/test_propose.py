@@ -135,7 +135,7 @@ def law_problem(twin: TwinModel, train: list[Any], feature: Feature) -> LawProbl
     actuator = twin.actuators.index("elbow")
     return LawProblem(
         twin, train, nuisance_variables(twin, train, ["elbow"]), ["elbow"], np.array([1e-6]), feature=feature,
-        joint="elbow", actuator=actuator, tracks=[track(twin, one, "elbow", actuator, []) for one in train],
+        joint="elbow", actuator=actuator, tracks=[track(twin, twin, one, "elbow", actuator, []) for one in train],
         smoothness=30.0,
     )  # fmt: skip
 

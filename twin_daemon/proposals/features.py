@@ -2,7 +2,8 @@
 
 A law is a sum over a basis. Over one variable the basis are hats, so that its coefficients are the curve itself at its
 knots; a memory is a row of elements with different lengths (widths of play, times of relaxation), and its
-coefficients say how strong each is. A curve may be multiplied by the joint's direction or by the servo's error.
+coefficients say how strong each is. A curve may be multiplied by the joint's direction or velocity, or by the servo's
+error.
 
 With the direction it is a law of dry friction: a level that holds a joint where it stands, as the solver's own friction
 does; a torque that depends on the speed alone lets it creep. Over the speed, it has a level at each speed either way.
@@ -21,6 +22,7 @@ from twin_daemon.proposals.thresholds import (
     COMMAND_KNOTS,
     FEW_BENDS,
     FEW_POSITIONS,
+    FINE_POSITIONS,
     FRICTION_BENDS,
     HEAT_KNOTS,
     LAGS_S,
@@ -29,15 +31,17 @@ from twin_daemon.proposals.thresholds import (
     LARGEST_RELAXING,
     LOAD_BENDS,
     NEIGHBOUR_KNOTS,
+    ORIENTATION_KNOTS,
     PLAY_RAD,
     POSITION_KNOTS,
+    RATES,
     TIME_KNOTS,
     TIMES_S,
 )
 
 Port = Literal["torque", "command", "reading"]
-Factor = Literal["", "direction", "error"]
-Memory = Literal["", "play", "relaxation", "creep", "lag"]
+Factor = Literal["", "direction", "error", "velocity"]
+Memory = Literal["", "play", "relaxation", "creep", "lag", "slew"]
 
 OF_NEIGHBOURS = ("neighbour", "neighbour_velocity")
 
@@ -47,9 +51,10 @@ class Feature:
     """One port and what a law there depends on.
 
     `over` is the variable of the curve: position (rad), velocity (rad/s), acceleration (rad/s2), load (N m, the size of
-    what the servo gives), time (s), heat (1), command (rad) and its rate, error (rad), or the angle (rad) or the
-    velocity (rad/s) of the joint `neighbour`. `knots` (k,) are in its unit; with a `memory` they are the
-    lengths of its elements, in rad or s. `unit` is that of the coefficients, `most` the largest that is looked for.
+    what the servo gives), orientation (rad, of gravity in the link), time (s), heat (1), command (rad) and its rate,
+    error (rad), or the angle (rad) or the velocity (rad/s) of the joint `neighbour`. `knots` (k,) are in its unit; with
+    a `memory` they are the lengths of its elements, in rad or s, or their rates in rad/s. `unit` is that of the
+    coefficients, `most` the largest that is looked for.
     """
 
     port: Port
@@ -87,7 +92,7 @@ class Feature:
 def features(
     kp: float, seen: Mapping[str, np.ndarray], neighbours: Mapping[tuple[str, str], np.ndarray]
 ) -> list[Feature]:
-    """Every port and variable that these data can say something about.
+    """Every port and variable that these data can say something about, of the same ones those with fewer knots first.
 
     `seen` has what was measured along the motion, each (n,): position, velocity, acceleration, error, command, heat and
     time; `neighbours` each one's angle and velocity, by its name and which of OF_NEIGHBOURS. `kp` in N m/rad is the
@@ -100,30 +105,46 @@ def features(
         "friction": tuple(k for k in _by_size(seen["velocity"], FRICTION_BENDS) if k),
         "acceleration": _by_size(seen["acceleration"], FEW_BENDS),
         "load": tuple(knot for knot in _by_size(kp * seen["error"], LOAD_BENDS) if knot >= 0.0),
+        "orientation": _even(seen["orientation"], ORIENTATION_KNOTS),
         "time": tuple(np.linspace(0.0, float(seen["time"].max()), TIME_KNOTS)),
         "heat": _even(seen["heat"], HEAT_KNOTS),
         "command": _even(seen["command"], COMMAND_KNOTS),
         "error": _by_size(seen["error"], BENDS),
+        # a joint behind a command of limited rate moves about as fast as that, and overshoots a little
+        "rates": tuple(share * float(np.abs(seen["velocity"]).max()) for share in RATES),
     }
     strong, far, factor = LARGEST_RAD * kp, LARGEST_RAD, LARGEST_FACTOR
+    positions = (_straight(at["position"]), at["position"], _even(seen["position"], FINE_POSITIONS))
+    damping = strong / max(float(np.abs(seen["velocity"]).max()), 1e-9)
     found = [
-        Feature("torque", "position", at["position"], "N m", strong),
-        Feature("torque", "velocity", at["velocity"], "N m", strong),
-        Feature("torque", "velocity", at["friction"], "N m", strong, factor="direction"),
+        *(Feature("torque", "position", knots, "N m", strong) for knots in positions),
+        *(Feature("torque", "velocity", knots, "N m", strong) for knots in (_straight(at["velocity"]), at["velocity"])),
+        *(
+            Feature("torque", "velocity", knots, "N m", strong, factor="direction")
+            for knots in (_straight(at["friction"]), at["friction"])
+        ),
         Feature("torque", "load", at["load"], "N m", strong, factor="direction"),
-        Feature("torque", "acceleration", at["acceleration"], "N m", strong),
+        *(
+            Feature("torque", "acceleration", knots, "N m", strong)
+            for knots in (_straight(at["acceleration"]), at["acceleration"])
+        ),
+        Feature("torque", "orientation", at["orientation"], "N m", strong),
         Feature("torque", "time", at["time"], "N m", strong),
         Feature("torque", "position", at["few_positions"], "N m", strong, factor="direction"),
+        Feature("torque", "position", at["few_positions"], "N m s/rad", damping, factor="velocity"),
+        Feature("torque", "time", at["time"], "N m s/rad", damping, factor="velocity"),
+        Feature("torque", "time", at["time"], "N m", strong, factor="direction"),
         Feature("torque", "velocity", PLAY_RAD, "N m", strong, memory="play"),
         Feature("torque", "velocity", TIMES_S, "N m/rad", LARGEST_RELAXING * kp, memory="relaxation"),
-        Feature("command", "error", at["error"], "rad", far),
+        *(Feature("command", "error", knots, "rad", far) for knots in (_straight(at["error"]), at["error"])),
         Feature("command", "time", at["time"], "1", factor, factor="error"),
         Feature("command", "heat", at["heat"], "1", factor, factor="error"),
         Feature("command", "position", at["few_positions"], "1", factor, factor="error"),
-        Feature("command", "command", at["command"], "rad", far),
+        *(Feature("command", "command", knots, "rad", far) for knots in (_straight(at["command"]), at["command"])),
         Feature("command", "command_rate", LAGS_S, "1", factor, memory="lag"),
+        Feature("command", "command_rate", at["rates"], "1", factor, memory="slew"),
         Feature("command", "error", TIMES_S, "1", factor, memory="creep"),
-        Feature("reading", "position", at["position"], "rad", far),
+        *(Feature("reading", "position", knots, "rad", far) for knots in positions),
         Feature("reading", "time", at["time"], "rad", far),
     ]
     for (name, over), series in neighbours.items():
@@ -140,8 +161,13 @@ def features(
 
 
 def _even(values: np.ndarray, count: int) -> tuple[float, ...]:
-    low, high = np.percentile(values, [0.5, 99.5])
+    low, high = np.percentile(values, [0.05, 99.95])
     return tuple(np.linspace(low, high, count))
+
+
+def _straight(knots: Sequence[float]) -> tuple[float, float]:
+    """Two knots, between which there are constants and lines alone."""
+    return knots[0], knots[-1]
 
 
 def _by_size(values: np.ndarray, bends: Sequence[float]) -> tuple[float, ...]:

@@ -1,7 +1,7 @@
 """A formula for a curve: simple laws of one variable, of which the one with the shortest description is taken.
 
-Each family is a few values with a meaning. It is fitted to the curve's knots with their uncertainty and priced by the
-Bayesian information criterion; the values are then fitted again in roll-outs, which is what gives their intervals.
+Each family is a few values with a meaning. It is fitted to the curve's knots with their uncertainty, one roll-out each
+says which are worth more, and the values of these are fitted again in roll-outs, which is what gives their intervals.
 """
 
 from __future__ import annotations
@@ -13,20 +13,31 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from twin_daemon.proposals.features import Feature
-from twin_daemon.proposals.thresholds import BEYOND, CURVE_BLUR, DENSE_KNOTS, FASTER
+from twin_daemon.proposals.thresholds import (
+    BEYOND,
+    CURVE_BLUR,
+    DENSE_KNOTS,
+    FASTER,
+    STOP_DEPTHS,
+    STOP_STIFFNESSES,
+)
 
 Shape = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
 class Family:
-    """A law of one variable x: the names of its values, what it says, and where a fit of a curve may begin."""
+    """A law of one variable x: the names of its values, what it says, and where a fit of a curve may begin.
+
+    `sharp` has starts for what a curve's knots cannot show, from x (k,) and the servo's stiffness in N m/rad.
+    """
 
     key: str
     words: str
     names: tuple[str, ...]
     shape: Shape
     starts: Callable[[np.ndarray, np.ndarray], list[list[float]]]
+    sharp: Callable[[np.ndarray, float], list[list[float]]] = lambda x, kp: []
 
 
 @dataclass(frozen=True)
@@ -62,6 +73,26 @@ class Formula:
 
 def _line(p: np.ndarray, x: np.ndarray) -> np.ndarray:
     return p[0] + p[1] * x
+
+
+def _constant(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+    return np.full_like(x, p[0])
+
+
+def _cubic(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+    return p[0] + p[1] * x + p[2] * x**3
+
+
+def _above(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+    return -p[0] * np.maximum(x - p[1], 0.0)
+
+
+def _below(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+    return p[0] * np.maximum(p[1] - x, 0.0)
+
+
+def _both(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+    return p[0] * (np.maximum(p[1] - x, 0.0) - np.maximum(x - p[2], 0.0))
 
 
 def _sine(p: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -134,6 +165,11 @@ def _away_from_zero(value: float) -> float:
     return value if abs(value) > 1e-9 else 1e-9
 
 
+def _straightest(x: np.ndarray, y: np.ndarray) -> list[float]:
+    """[level, slope], also where all x are the same."""
+    return list(np.linalg.lstsq(np.stack([np.ones_like(x), x], axis=1), y, rcond=None)[0])
+
+
 def _sine_starts(x: np.ndarray, y: np.ndarray) -> list[list[float]]:
     span = float(np.ptp(x))
     found = []
@@ -152,9 +188,37 @@ def _place_starts(x: np.ndarray, y: np.ndarray) -> list[list[float]]:
     return [[s * size, float(x[i]), w * span, middle] for i in peaks for s in (-1.0, 1.0) for w in (0.05, 0.15)]
 
 
-_FAMILIES = {
+def _edge_starts(x: np.ndarray, y: np.ndarray, end: int) -> list[list[float]]:
+    # from each of some edges to the end
+    far = x[0] if end == 0 else x[-1]
+    return [[abs(float(y[end] / (share * np.ptp(x)))), float(far + (share if end == 0 else -share) * np.ptp(x))]
+            for share in (0.1, 0.25, 0.5)]  # fmt: skip
+
+
+def _stops(ends: str) -> Callable[[np.ndarray, float], list[list[float]]]:
+    def sharp(x: np.ndarray, kp: float) -> list[list[float]]:
+        depths = [(low, high) for low in STOP_DEPTHS for high in STOP_DEPTHS if len(ends) > 1 or low == high]
+        edges = [{"l": x[0] + low * np.ptp(x), "h": x[-1] - high * np.ptp(x)} for low, high in depths]
+        return [[k * kp, *(float(edge[end]) for end in ends)] for k in STOP_STIFFNESSES for edge in edges]
+
+    return sharp
+
+
+FAMILIES = {
+    "proportional": Family("proportional", "{slope} {x}", ("slope",), lambda p, x: p[0] * x,
+                           lambda x, y: [[float(x @ y / max(x @ x, 1e-12))]]),
+    "constant": Family("constant", "{constant}", ("constant",), _constant, lambda x, y: [[float(y.mean())]]),
     "line": Family("line", "{constant} + {slope} {x}", ("constant", "slope"), _line,
-                   lambda x, y: [list(np.polyfit(x, y, 1)[::-1])]),
+                   lambda x, y: [_straightest(x, y)]),
+    "cubic": Family("cubic", "{constant} + {linear} {x} + {cubic} {x}^3", ("constant", "linear", "cubic"), _cubic,
+                    lambda x, y: [list(np.linalg.lstsq(np.stack([np.ones_like(x), x, x**3], axis=1), y,
+                                                       rcond=None)[0])]),
+    "above": Family("above", "-{stiffness} ({x} - {upper}) above {upper}", ("stiffness", "upper"), _above,
+                    lambda x, y: _edge_starts(x, y, -1), _stops("h")),
+    "below": Family("below", "{stiffness} ({lower} - {x}) below {lower}", ("stiffness", "lower"), _below,
+                    lambda x, y: _edge_starts(x, y, 0), _stops("l")),
+    "both": Family("both", "{stiffness} ({lower} - {x}) below {lower}, -{stiffness} ({x} - {upper}) above {upper}",
+                   ("stiffness", "lower", "upper"), _both, lambda x, y: [], _stops("lh")),
     "sine": Family("sine", "{amplitude} sin({waves} {x} + {phase}) + {constant}",
                    ("amplitude", "waves", "phase", "constant"), _sine, _sine_starts),
     "bump": Family("bump", "{height} exp(-(({x} - {centre})/{width})^2) + {constant}",
@@ -164,6 +228,11 @@ _FAMILIES = {
     "settling": Family("settling", "{change} (1 - exp(-{x}/{time})) + {constant}", ("change", "time", "constant"),
                        _settling, lambda x, y: [[float(y[-1] - y[0]), t * float(np.ptp(x)), float(y[0])]
                                                 for t in (0.1, 0.3, 1.0)]),
+    "size": Family("size", "{constant} + {slope} |{x}|", ("constant", "slope"), _dry,
+                   lambda x, y: [_straightest(np.abs(x), y)]),
+    "weight": Family("weight", "{across} cos({x}) + {along} sin({x})", ("across", "along"),
+                     lambda p, x: p[0] * np.cos(x) + p[1] * np.sin(x),
+                     lambda x, y: [list(np.linalg.lstsq(np.stack([np.cos(x), np.sin(x)], axis=1), y, rcond=None)[0])]),
     "power": Family("power", "{factor} sign({x}) |{x}|^{power}", ("factor", "power"), _power,
                     lambda x, y: [[float(x @ y / max(x @ x, 1e-12)), p] for p in (0.5, 1.0, 2.0)]),
     "drag": Family("drag", "{linear} {x} + {quadratic} {x} |{x}|", ("linear", "quadratic"), _drag,
@@ -176,7 +245,7 @@ _FAMILIES = {
     "levels": Family("levels", "{forward} forwards, {backward} backwards", ("forward", "backward"), _levels,
                      lambda x, y: [[float(y[x > 0].mean()), float(y[x < 0].mean())]]),
     "dry": Family("dry", "{level} + {slope} |{x}|, against the motion", ("level", "slope"), _dry,
-                  lambda x, y: [list(np.polyfit(np.abs(x), y, 1)[::-1])]),
+                  lambda x, y: [_straightest(np.abs(x), y)]),
     "two_levels": Family("two_levels", "{forward} forwards, {backward} backwards, against the motion",
                          ("forward", "backward"), _two_levels,
                          lambda x, y: [[float(y[x > 0].mean()), float(y[x < 0].mean())]]),
@@ -193,16 +262,17 @@ _FAMILIES = {
 }  # fmt: skip
 
 _OVER = {
-    "position": ("line", "sine", "bump", "notch"),
-    "neighbour": ("line", "sine", "bump"),
+    "position": ("constant", "line", "cubic", "above", "below", "both", "sine", "bump", "notch"),
+    "neighbour": ("line", "size", "sine", "bump"),
     "command": ("line", "sine", "bump", "notch"),
+    "orientation": ("weight", "line", "sine"),
     "time": ("line", "settling"),
     "heat": ("line", "settling"),
-    "neighbour_velocity": ("line", "power", "drag", "levels"),
-    "acceleration": ("line",),
+    "neighbour_velocity": ("proportional", "line", "power", "drag", "levels"),
+    "acceleration": ("proportional", "line"),
     "load": ("line",),
-    "velocity": ("power", "drag", "sides", "levels", "rubbing"),
-    "error": ("power", "sides", "dead_zone", "silent", "saturating"),
+    "velocity": ("proportional", "power", "drag", "sides", "levels", "rubbing"),
+    "error": ("proportional", "power", "sides", "dead_zone", "silent", "saturating"),
 }
 _FRICTION = ("dry", "two_levels", "stribeck")
 
@@ -215,8 +285,9 @@ def formulas(feature: Feature, coefficients: np.ndarray, sigmas: np.ndarray) -> 
     noise = np.hypot(np.minimum(sigmas, np.abs(coefficients).max() + 1e-12), CURVE_BLUR * np.ptp(coefficients) + 1e-12)
     found: list[tuple[float, Formula]] = []
     for key in _FRICTION if (feature.over, feature.factor) == ("velocity", "direction") else _OVER[feature.over]:
-        family = _FAMILIES[key]
-        if len(family.names) >= len(x):
+        family = FAMILIES[key]
+        # a constant with a factor is a law of the factor alone
+        if len(family.names) > len(x) or (key == "constant" and feature.factor):
             continue
         for start in family.starts(x, coefficients):
             fit = least_squares(
@@ -229,6 +300,15 @@ def formulas(feature: Feature, coefficients: np.ndarray, sigmas: np.ndarray) -> 
     return [formula for _, formula in sorted(found, key=lambda item: item[0])]
 
 
+def sharp_formulas(feature: Feature, kp: float) -> list[Formula]:
+    """Formulas that bend within less than the knots of a feature's curve are apart: stops of a joint."""
+    if (feature.port, feature.over, feature.factor) != ("torque", "position", ""):
+        return []
+    x = np.array(feature.knots)
+    families = [FAMILIES[key] for key in _OVER["position"]]
+    return [Formula(family, np.array(start)) for family in families for start in family.sharp(x, kp)]
+
+
 def _within(key: str, values: np.ndarray, x: np.ndarray) -> bool:
     """Whether what a family speaks of lies where the data were: a bump far away is a line in disguise."""
     span = float(np.ptp(x))
@@ -236,6 +316,8 @@ def _within(key: str, values: np.ndarray, x: np.ndarray) -> bool:
         return abs(values[1]) > np.pi / span
     if key in ("bump", "notch"):
         return x[0] <= values[1] <= x[-1] and abs(values[2]) < span
+    if key in ("above", "below", "both"):
+        return bool((x[0] < values[1:]).all() and (values[1:] < x[-1]).all())
     if key == "stribeck":
         return abs(values[1]) < span
     return key != "settling" or 0.0 < values[1] < 3.0 * span

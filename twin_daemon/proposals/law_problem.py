@@ -131,8 +131,8 @@ class LawProblem(Posterior):
         track, at = self._track_of[index], self._begin[index] + time_s
         if self.feature.over == "time":
             return at
-        if self.feature.over == "heat":
-            return np.interp(at, track.time_s, track.heat)
+        if self.feature.over in ("heat", "orientation"):
+            return np.interp(at, track.time_s, track.of(self.feature.over))
         if self.feature.over not in OF_NEIGHBOURS:
             return np.zeros_like(time_s)
         return np.interp(at, track.time_s, track.of_neighbour(self.feature.neighbour, self.feature.over))
@@ -228,12 +228,15 @@ class LawProblem(Posterior):
 
     @cached_property
     def _bends(self) -> np.ndarray:
-        """(q, k) rows that a smooth curve, or a weak memory, makes small."""
+        """(q, k) rows that a smooth curve, or a weak memory, makes small. A straight line is smooth on any knots."""
         count, scale = len(self.feature.knots), 1.0 / self.feature.most
         weak = RIDGE * scale * np.eye(count)
         if self.feature.memory:
             return weak
-        return np.concatenate([weak, self.smoothness * scale * np.diff(np.eye(count), n=2, axis=0)])
+        apart = np.diff(self.feature.knots)
+        slopes = np.diff(np.eye(count), axis=0) / apart[:, None]
+        turns = np.diff(slopes, axis=0) * 0.5 * (apart[1:] + apart[:-1])[:, None]
+        return np.concatenate([weak, self.smoothness * scale * turns])
 
 
 def remembered(feature: Feature, track: Track, before: np.ndarray, step_s: float) -> np.ndarray:
@@ -252,6 +255,11 @@ def remembered(feature: Feature, track: Track, before: np.ndarray, step_s: float
         return _filtered(np.diff(track.position[before], prepend=track.position[0]), keep, np.ones_like(keep), 0.0)
     if feature.memory == "lag":
         return _filtered(track.command[before], keep, 1.0 - keep, float(track.command[0]))
+    if feature.memory == "slew":
+        state, most = np.full(len(keep), track.command[0]), np.array(feature.knots) * step_s
+        for now in track.command[before]:
+            state += np.clip(now - state, -most, most)
+        return state
     return _filtered(track.error[before], keep, 1.0 - keep, 0.0)
 
 
@@ -300,7 +308,7 @@ class _Feedback:
         error = ctrl[:, self._actuator] - qpos[:, self._qpos_driven] @ self._drive
         self._remember(active, angle, error, qvel[:, self._dof], ctrl[:, self._actuator])
         laws = self._laws[:active]
-        if feature.memory == "lag":
+        if feature.memory in ("lag", "slew"):
             value = (laws * (self._state[:active] - ctrl[:, [self._actuator]])).sum(axis=1)
         elif feature.memory:
             value = (laws * self._state[:active]).sum(axis=1)
@@ -308,6 +316,8 @@ class _Feedback:
             value = feature.curve(laws, self._over(step, active, angle, qvel, error, ctrl))
         if feature.factor == "error":
             value = value * error
+        elif feature.factor == "velocity":
+            value = value * qvel[:, self._dof]
         elif feature.factor == "direction":
             value = self._rub(value, qvel[:, self._dof])
         if feature.memory in ("play", "relaxation", "creep"):
@@ -373,6 +383,9 @@ class _Feedback:
             state[:active] = np.clip(state[:active] + moved[:, None] / self._lengths, -1.0, 1.0)
         elif feature.memory == "relaxation":
             state[:active] = self._keep * state[:active] + moved[:, None]
+        elif feature.memory == "slew":
+            most = self._lengths * self._step_s
+            state[:active] += np.clip(command[:, None] - state[:active], -most, most)
         elif feature.memory in ("creep", "lag"):
             follows = (error if feature.memory == "creep" else command)[:, None]
             state[:active] = self._keep * state[:active] + (1.0 - self._keep) * follows

@@ -14,22 +14,20 @@ from twin_daemon.diagnosis.verdict import Diagnosis
 from twin_daemon.effects import reload_files
 from twin_daemon.effects.from_files import EffectFile, save_effect_file
 from twin_daemon.effects.from_files import native as native_form
+from twin_daemon.effects.from_files.schema import STEEPEST_READING
 from twin_daemon.errors import BadInput
 from twin_daemon.estimation.partition import Reduction
 from twin_daemon.estimation.thresholds import Z95
 from twin_daemon.processes import Say
 from twin_daemon.processor_time import TimeLimit
-from twin_daemon.proposals.formula import formulas
 from twin_daemon.proposals.proposal import Curve, Native, Nearest, Proposal, Proposals, Rival, Value
-from twin_daemon.proposals.refit import RefittedLaw, refitted
+from twin_daemon.proposals.refit import MEMORY_UNITS, RefittedLaw, refitted
 from twin_daemon.proposals.search import FittedLaw, JointSearch, Trial
 from twin_daemon.proposals.thresholds import (
-    FORMULAS_TRIED,
     LEAST_GAIN,
     LIBRARY_LEAVES,
     MOST_NULL,
     MOST_SURE,
-    NEAR_NATS,
     NEAREST_SHOWN,
     UNDECIDED_NATS,
 )
@@ -90,11 +88,14 @@ def propose(
         trials = search.trials()
         laws = search.leading(trials)
         tried += _tried(joint, trials, laws)
-        why = _refused(search, laws[0], found)
+        if laws[0].nats <= 0.0:
+            reasons.append(f"{joint}: the best law ({laws[0].feature.name}) is not worth its values")
+            continue
+        law, laws = _by_description(search, laws)
+        why = _refused(search, law, found)
         if why:
             reasons.append(f"{joint}: {why}")
             continue
-        law, laws = _by_description(search, laws)
         proposals.append(_proposal(search, law, laws, found))
     if proposals:
         reason = "; ".join(f"{p.name}: {p.port} over {' x '.join(p.variables)} at {p.joints[0]}" for p in proposals)
@@ -108,17 +109,17 @@ def propose(
 def _by_description(search: JointSearch, laws: Sequence[FittedLaw]) -> tuple[RefittedLaw, list[FittedLaw]]:
     """The law with the shortest description, and all laws by the evidence of theirs, the best first.
 
-    A curve of many knots pays for all of them, where its formula may have two values: laws that are near by their
-    curves are compared by their formulas. Between two that evidence does not tell apart, held-out motion chooses.
+    A curve of many knots pays for all of them, where its formula may have two values and may be sharper than knots. Of
+    laws that evidence does not tell apart the one that leaves least of held-out motion is taken, but a constant before
+    all, as it is a line over any variable. One that does not hold on held-out motion is none where another does: a
+    curve ends where the motion ended, its formula does not.
     """
-    near = [law for law in laws if law.nats > max(laws[0].nats - NEAR_NATS, 0.0) and law.gain_ci95[0] > 0.0]
-    described = [
-        refitted(search, law, formulas(law.feature, law.coefficients, law.sigmas)[:FORMULAS_TRIED])
-        for law in near or laws[:1]
-    ]
+    all_described = [refitted(search, law) for law in laws if law.nats > 0.0]
+    described = [one for one in all_described if one.law.gain_ci95[0] > 0.0] or all_described
     most = max(one.law.nats for one in described)
-    best = min((one for one in described if one.law.nats > most - UNDECIDED_NATS), key=lambda one: one.law.mse_after)
-    others = [one.law for one in described if one is not best] + [law for law in laws if law not in near]
+    undecided = [one for one in described if one.law.nats > most - UNDECIDED_NATS]
+    best = min(undecided, key=lambda one: (not one.is_constant, one.law.mse_after))
+    others = [one.law for one in all_described if one is not best]
     return best, [best.law, *sorted(others, key=lambda law: -law.nats)]
 
 
@@ -177,11 +178,14 @@ def _tried(joint: str, trials: Sequence[Trial], laws: Sequence[FittedLaw]) -> li
     return rows
 
 
-def _refused(search: JointSearch, law: FittedLaw, found: Diagnosis) -> str:
+def _refused(search: JointSearch, described: RefittedLaw, found: Diagnosis) -> str:
     """Why the best law is not proposed; empty where it is."""
+    law = described.law
     low, high = law.gain_ci95
-    if law.nats <= 0.0:
-        return f"the best law ({law.feature.name}) is not worth its values"
+    if law.feature.port == "reading" and law.feature.over == "position":
+        steepest = float(np.abs(np.diff(described.curve) / np.diff(described.knots)).max())
+        if steepest > STEEPEST_READING:
+            return f"the best law ({law.feature.name}) is a reading that turns back: {steepest:.2f} of the angle's own"
     if low <= 0.0:
         return f"on held-out motion the best law ({law.feature.name}) gains {law.gain:.0%} ({low:.0%} to {high:.0%})"
     if law.gain < LEAST_GAIN:
@@ -205,7 +209,7 @@ def _proposal(search: JointSearch, law: RefittedLaw, laws: Sequence[FittedLaw], 
     file = _file(search, law, probability)
     path = save_effect_file(file)
     reload_files()
-    at_unit = "rad" if feature.memory == "play" else "s" if feature.memory else _X_UNITS.get(feature.over, "rad")
+    at_unit = MEMORY_UNITS.get(feature.memory) or _X_UNITS.get(feature.over, "rad")
     band = Z95 * law.sigmas
     costs = native_form.cost(file)
     curve = Curve(
@@ -308,7 +312,7 @@ def _native_gain(search: JointSearch, file: EffectFile) -> float | None:
 
 def _experiment(over: str, memory: str, visited: tuple[float, float]) -> str:
     low, high = visited
-    if memory == "lag":
+    if memory in ("lag", "slew"):
         return "steps and ramps of the command at several speeds, with the command's own stamps recorded"
     if memory:
         return "steps to several sizes, each held for a minute and then taken back, and small reversals between"
@@ -316,6 +320,7 @@ def _experiment(over: str, memory: str, visited: tuple[float, float]) -> str:
         "position": f"slow sweeps both ways over {low:.2f} to {high:.2f} rad and beyond, at two speeds",
         "velocity": "the same travel at five speeds from creeping to fastest, both ways",
         "acceleration": "the same travel by steps and by slow ramps",
+        "orientation": "the same travel with the joints before it in three other poses",
         "load": "the same travel against a weight and without it, both ways",
         "neighbour_velocity": "the neighbour at three speeds while this joint holds, then this joint alone",
         "time": "the same motion from cold, and again after a rest: does it begin anew?",

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from twin_daemon.estimation.thresholds import Z95
 from twin_daemon.proposals.descent import Reached, gauss_newton
-from twin_daemon.proposals.formula import Formula, dense
+from twin_daemon.proposals.formula import Formula, dense, formulas, sharp_formulas
 from twin_daemon.proposals.law_problem import LawProblem
 from twin_daemon.proposals.search import FittedLaw, JointSearch
-from twin_daemon.proposals.thresholds import AS_GOOD, FORMULA_FLOOR, FORMULA_ROUNDS, SPOKEN_SHARE
+from twin_daemon.proposals.thresholds import (
+    FORMULA_FLOOR,
+    FORMULA_MOVES,
+    FORMULA_ROUNDS,
+    FORMULAS_RACING,
+    FORMULAS_TRIED,
+    SPOKEN_SHARE,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,26 +33,31 @@ class RefittedLaw:
     sigmas: np.ndarray
 
     @property
+    def is_constant(self) -> bool:
+        return self.formula is not None and self.formula.family.key == "constant"
+
+    @property
     def text(self) -> str:
         """The formula in words and symbols, or the elements of a memory, or that it is a curve without one."""
         feature = self.law.feature
         if self.formula is not None:
             return self.formula.text(SYMBOLS.get(feature.over, feature.over))
         if feature.memory:
-            unit = "rad" if feature.memory == "play" else "s"
             strong = np.abs(self.curve) > SPOKEN_SHARE * np.abs(self.curve).max(initial=1e-12)
             pairs = zip(self.curve[strong], np.array(feature.knots)[strong], strict=True)
             of = "" if feature.unit == "1" else f" {feature.unit}"
-            elements = [f"{size:.3g}{of} over {length:g} {unit}" for size, length in pairs]
+            elements = [f"{size:.3g}{of} over {length:.3g} {MEMORY_UNITS[feature.memory]}" for size, length in pairs]
             return f"{feature.memory}: {', '.join(elements)}"
         return f"a curve over {SYMBOLS.get(feature.over, feature.over)} without a simple formula"
 
 
+MEMORY_UNITS = {"play": "rad", "relaxation": "s", "creep": "s", "lag": "s", "slew": "rad/s"}
 SYMBOLS = {
     "position": "q",
     "velocity": "v",
     "acceleration": "a",
     "load": "|u|",
+    "orientation": "g",
     "command_rate": "c'",
     "neighbour_velocity": "v_n",
     "time": "t",
@@ -62,9 +73,8 @@ class _FormulaProblem:
 
     def __init__(self, problem: LawProblem, formula: Formula) -> None:
         self._problem, self._formula = problem, formula
-        size = np.abs(formula.values)
-        self.scales = np.maximum(size, 0.2 * max(float(size.max(initial=0.0)), 1e-6))
         self._x = np.array(problem.feature.knots)
+        self.scales = _scales(formula, self._x)
 
     def values(self, points: np.ndarray) -> np.ndarray:
         return self._formula.values + (points[:, self._problem.own :] - 0.5) * 2.0 * self.scales
@@ -79,24 +89,69 @@ class _FormulaProblem:
         return self._problem.residuals(self.law_points(points))
 
 
-def refitted(search: JointSearch, law: FittedLaw, candidates: Sequence[Formula]) -> RefittedLaw:
-    """The law by the best of some formulas, or by its curve where none does as well."""
+def _scales(formula: Formula, x: np.ndarray) -> np.ndarray:
+    """(q,) by how much each value changes the curve about as much as it is large: values have units of their own."""
+    curve = formula.family.shape(formula.values, x)
+    size = max(float(np.ptp(curve)), float(np.abs(curve).max()), 1e-9)
+    found = np.maximum(np.abs(formula.values), 1e-6)
+    for index, width in enumerate(1e-3 * found):
+        moved = formula.values.copy()
+        moved[index] += width
+        changes = float(np.abs(formula.family.shape(moved, x) - curve).max()) / width
+        if changes > 0.0:
+            found[index] = size / changes
+    return found
+
+
+def refitted(search: JointSearch, law: FittedLaw) -> RefittedLaw:
+    """The law by the best of some formulas, or by its curve where what that leaves less is worth its knots."""
     best: RefittedLaw | None = None
-    for formula in candidates:
+    for formula in _promising(search, law):
         found = _by_formula(search, law, formula)
         if best is None or found.law.nats > best.law.nats:
             best = found
-    if best is not None and best.law.reached.cost < AS_GOOD * law.reached.cost:
+    if best is not None and best.law.nats >= law.nats:
         return best
     return RefittedLaw(law, None, {}, law.feature.knots, law.coefficients, law.sigmas)
 
 
+def _dense(search: JointSearch, law: FittedLaw) -> LawProblem:
+    return search.problem(replace(law.feature, knots=dense(law.feature)), 0.0)
+
+
+def _promising(search: JointSearch, law: FittedLaw) -> list[Formula]:
+    """The formulas of which one roll-out each leaves least, their values priced."""
+    candidates = formulas(law.feature, law.coefficients, law.sigmas)[:FORMULAS_RACING]
+    candidates += sharp_formulas(law.feature, search.stiffness)
+    if not candidates:
+        return []
+    problem = _dense(search, law)
+    x, nuisances = np.array(problem.feature.knots), law.reached.point[: problem.own]
+    curves = [one.family.shape(one.values, x) for one in candidates]
+    rows = problem.residuals(np.array([problem.point(nuisances, curve) for curve in curves]))
+    count = max(problem.effective_samples, 2.0)
+    prices = count * np.log((rows**2).sum(axis=1)) + np.log(count) * np.array([len(one.values) for one in candidates])
+    return [candidates[index] for index in np.argsort(prices, kind="stable")[:FORMULAS_TRIED]]
+
+
+def _descended(problem: LawProblem, formula: Formula, nuisances: np.ndarray) -> tuple[_FormulaProblem, Reached]:
+    """The formula's values fitted beside the nuisances; anew from where they come to the end of a range."""
+    left = FORMULA_MOVES
+    while True:
+        wrapped = _FormulaProblem(problem, formula)
+        start = np.concatenate([nuisances, np.full(len(formula.values), 0.5)])
+        reached = gauss_newton(wrapped, start, problem.own, FORMULA_ROUNDS)
+        left -= 1
+        if not left or np.abs(reached.point[problem.own :] - 0.5).max() < 0.5 - 1e-9:
+            return wrapped, reached
+        formula = replace(formula, values=wrapped.values(reached.point[None])[0])
+        nuisances = reached.point[: problem.own]
+
+
 def _by_formula(search: JointSearch, law: FittedLaw, formula: Formula) -> RefittedLaw:
-    problem = search.problem(replace(law.feature, knots=dense(law.feature)), 0.0)
-    wrapped = _FormulaProblem(problem, formula)
+    problem = _dense(search, law)
     own = problem.own
-    start = np.concatenate([law.reached.point[:own], np.full(len(formula.values), 0.5)])
-    reached = gauss_newton(wrapped, start, own, FORMULA_ROUNDS)
+    wrapped, reached = _descended(problem, formula, law.reached.point[:own])
     values = wrapped.values(reached.point[None])[0]
     inflation = max(1.0, reached.cost / max(problem.effective_samples, 1.0))
     covariance = inflation * np.linalg.pinv(reached.slopes.T @ reached.slopes)

@@ -22,6 +22,7 @@ from twin_daemon.proposals.descent import Linear, Reached, columns, cross_valida
 from twin_daemon.proposals.features import OF_NEIGHBOURS, Feature, features
 from twin_daemon.proposals.law_problem import LawProblem
 from twin_daemon.proposals.thresholds import (
+    FINE_POSITIONS,
     LAW_STEP,
     LEADING,
     MOST_HELD_S,
@@ -53,11 +54,21 @@ class Trial:
     smoothness: float
     linear: Linear
     start: np.ndarray
+    samples: float
 
     @property
     def promise(self) -> float:
         """The better of both: a law that is strong bends what one step says of it."""
         return max(self.share, self.reduction)
+
+    @cached_property
+    def price(self) -> float:
+        """What is left by as much as is promised, with the price of the law's values: lower is better."""
+        own = len(self.start) - len(self.feature.knots)
+        slopes, beliefs = self.linear.slopes[:, own:], self.linear.beliefs[:, own:]
+        seen = slopes.T @ slopes
+        freedom = float(np.trace(np.linalg.pinv(seen + beliefs.T @ beliefs) @ seen))
+        return self.samples * float(np.log(max(1.0 - self.promise, 1e-9))) + freedom * float(np.log(self.samples))
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +143,10 @@ class JointSearch:
             threads=None,
         )  # fmt: skip
         neighbours = self._neighbours()
-        self.tracks = [track(small, r, self.joint, self.actuator, neighbours) for r in (*self.train, *self.holdout)]
+        self.tracks = [
+            track(small, self.twin, recording, self.joint, self.actuator, neighbours)
+            for recording in (*self.train, *self.holdout)
+        ]
 
     def _neighbours(self) -> list[str]:
         """Joints that move and stand next to this one: the nearest in the description's order."""
@@ -158,12 +172,16 @@ class JointSearch:
     def within_floor(self) -> bool:
         return self.times_floor <= FLOOR_CHI_SQUARE
 
+    @property
+    def stiffness(self) -> float:
+        """N m/rad of the joint's servo."""
+        assert self.reduced is not None
+        return float(self.reduced.twin.model.actuator_gainprm[self.actuator, 0])
+
     # -- ports and variables -------------------------------------------------------------------------------
 
     def trials(self) -> list[Trial]:
         """Every port and variable by one linear step each, the best first."""
-        assert self.reduced is not None
-        kp = float(self.reduced.twin.model.actuator_gainprm[self.actuator, 0])
         tracks = self.tracks[: len(self.train)]
         seen = {name: np.concatenate([t.of(name) for t in tracks]) for name in Track.VARIABLES}
         neighbours = {
@@ -173,7 +191,7 @@ class JointSearch:
         }
         own = len(self.variables)
         temper = np.sqrt(max(1.0, self.alone.cost / self.base.effective_samples))
-        nuisance_slopes = self.alone.slopes
+        nuisance_slopes, samples = self.alone.slopes, max(self.base.effective_samples, 2.0)
 
         def tried(feature: Feature, say: Say) -> Trial:
             self.limit.check()
@@ -191,13 +209,17 @@ class JointSearch:
                 linear = Linear(rows[:data], whole, fold, temper * believed, temper * beliefs)
                 share = cross_validated(linear, own)
                 if best is None or share > best.share:
-                    best = Trial(feature, share, 0.0, smoothness, linear, point)
+                    best = Trial(feature, share, 0.0, smoothness, linear, point, samples)
             assert best is not None
             say(f"{feature.name}: {best.share:.0%} of the error by one linear step")
             return self._stepped(best)
 
-        found = in_order(tried, features(kp, seen, neighbours), self.say)
-        return sorted(found, key=lambda trial: -trial.promise)
+        known = features(self.stiffness, seen, neighbours)
+        fine = [one for one in known if len(one.knots) == FINE_POSITIONS]
+        trials = in_order(tried, [one for one in known if one not in fine], self.say)
+        if max(trial.share for trial in trials) <= PLAIN_SHARE:  # else there is nothing left that is finer
+            trials += in_order(tried, fine, self.say)
+        return sorted(trials, key=lambda trial: trial.price)
 
     def _stepped(self, trial: Trial) -> Trial:
         """The trial with the best of some lengths of its linear step, as roll-outs show it."""
@@ -238,13 +260,12 @@ class JointSearch:
     # -- shapes --------------------------------------------------------------------------------------------
 
     def leading(self, trials: Sequence[Trial]) -> list[FittedLaw]:
-        """The best laws fitted in roll-outs beside the nuisances, validated on held-out motion, the best first.
+        """The best of sorted trials fitted in roll-outs beside the nuisances, validated on held-out motion, best first.
 
         Two rounds for those that promise most; those that then lead go on.
         """
-        promising = sorted(trials, key=lambda trial: -trial.promise)
-        plain = promising[0].share > PLAIN_SHARE
-        promising = promising[: LEADING if plain else RACING]
+        plain = trials[0].share > PLAIN_SHARE
+        promising = trials[: LEADING if plain else RACING]
 
         def begin(trial: Trial) -> tuple[Trial, LawProblem, Reached]:
             self.limit.check()
@@ -258,8 +279,10 @@ class JointSearch:
             say(f"{trial.feature.name}: {law.gain:.0%} of the held-out error")
             return law
 
-        begun = sorted(concurrently(begin, promising), key=lambda one: self._price(one[1], one[2]))
-        return sorted(in_order(go_on, begun[:LEADING], self.say), key=lambda law: -law.nats)
+        best: dict[str, tuple[Trial, LawProblem, Reached]] = {}
+        for one in sorted(concurrently(begin, promising), key=lambda one: self._price(one[1], one[2])):
+            best.setdefault(one[0].feature.name, one)  # of curves that are finer or coarser one goes on
+        return sorted(in_order(go_on, list(best.values())[:LEADING], self.say), key=lambda law: -law.nats)
 
     def _price(self, problem: LawProblem, reached: Reached) -> float:
         """What is left by a law, with the price of its values: lower is better."""

@@ -14,11 +14,16 @@ SMOOTHED_S = Threshold(0.06, "s", "of measured angles in one window of the filte
 # -- what a law may depend on --------------------------------------------------------------------------------
 
 POSITION_KNOTS = Count(22, "knots", "of a curve over the angle, between the ends of what was visited")
+FINE_POSITIONS = Count(64, "knots", "of another one, for what repeats within a tenth of what was visited")
 FEW_POSITIONS = Count(8, "knots", "of a curve over the angle that is multiplied by the direction or the servo's error")
 TIME_KNOTS = Count(6, "knots", "of a curve over time")
 HEAT_KNOTS = Count(5, "knots", "of a curve over the servo's heat")
 COMMAND_KNOTS = Count(14, "knots", "of a curve over the command")
 NEIGHBOUR_KNOTS = Count(6, "knots", "of a curve over a neighbour's angle")
+ORIENTATION_KNOTS = Count(8, "knots", "of a curve over the direction of gravity in the link")
+OWN_ANGLE_RAD = Threshold(
+    0.05, "rad", "rms that other joints turn a link by: below, its orientation is the joint's own angle"
+)
 BENDS = tuple(
     Threshold(share, "1", "of the largest speed or error, either side of none: where a curve over it may bend")
     for share in (0.02, 0.07, 0.2, 0.5, 1.0)
@@ -44,6 +49,10 @@ TIMES_S = tuple(
 LAGS_S = tuple(
     Threshold(time, "s", "of the elements of a command that arrives late: what has come through each low-pass of it")
     for time in (0.01, 0.03, 0.1, 0.3)
+)
+RATES = tuple(
+    Threshold(share, "1", "of the joint's largest speed: limits of the command's rate that are tried")
+    for share in (0.35, 0.5, 0.7, 1.0, 1.4)
 )
 SETTLING_S = Threshold(
     0.01, "s", "of the low-pass on an acceleration: a torque that follows the acceleration at once has no roll-out"
@@ -81,7 +90,7 @@ FOLDS = Count(5, "blocks", "in time, each left out once from the linear step")
 
 # -- the competition -----------------------------------------------------------------------------------------
 
-RACING = Count(6, "laws", "that promise most by one step: fitted in roll-outs")
+RACING = Count(8, "laws", "that promise most by one step: fitted in roll-outs")
 RACING_ROUNDS = Count(2, "rounds", "of Gauss and Newton for each of them")
 PLAIN_SHARE = Threshold(0.9, "1", "of the error taken away by one step: then only the next few may still be better")
 LEADING = Count(3, "laws", "that go on; no more begin where one step has taken most away")
@@ -90,14 +99,20 @@ ROUNDS = Count(4, "rounds", "of Gauss and Newton for each of these, and for the 
 # -- formulas ------------------------------------------------------------------------------------------------
 
 CURVE_BLUR = Threshold(0.03, "1", "of a curve's span: what a piecewise linear curve gets wrong of a smooth one")
-DENSE_KNOTS = Count(96, "knots", "close enough for any formula")
+DENSE_KNOTS = Count(320, "knots", "close enough for any formula: a sine of 16 waves has 20 a wave")
 FASTER = Threshold(1.5, "1", "times the largest speed or error that was visited: other motion may be faster")
 BEYOND = Threshold(0.1, "1", "of the visited range, to either side: a formula knows how it goes on")
-FORMULAS_TRIED = Count(2, "formulas", "of the shortest descriptions that are fitted in roll-outs")
-NEAR_NATS = Threshold(30.0, "nats", "behind the best curve: what some ten knots cost, which a formula does without")
+FORMULAS_RACING = Count(16, "formulas", "of the shortest descriptions of the curve, each of which gets a roll-out")
+FORMULAS_TRIED = Count(2, "formulas", "that roll-outs like best, fitted in them")
+STOP_DEPTHS = tuple(
+    Threshold(depth, "1", "of what was visited: how far before its end a stop may begin") for depth in (0.02, 0.06, 0.2)
+)
+STOP_STIFFNESSES = tuple(
+    Threshold(times, "1", "times the servo's stiffness: of a stop, where a fit may begin") for times in (0.7, 2.5, 9.0)
+)
 UNDECIDED_NATS = Threshold(3.0, "nats", "between two laws: 20 to 1; below, held-out motion chooses")
 FORMULA_ROUNDS = Count(3, "rounds", "of Gauss and Newton for the values of a formula")
-AS_GOOD = Threshold(1.2, "1", "times the curve's cost: a formula that leaves no more stands for it")
+FORMULA_MOVES = Count(4, "times", "that these rounds begin anew where they have come to the end of a value's range")
 FORMULA_FLOOR = Threshold(0.03, "1", "of a formula's value: the least half-width of its interval")
 SPOKEN_SHARE = Threshold(0.1, "1", "of a memory's strongest element: weaker ones are not named")
 

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
+import mujoco
 import numpy as np
 from scipy.signal import savgol_filter
 
 from twin_daemon.estimation.partition import restricted
-from twin_daemon.proposals.thresholds import HEATING_S, SMOOTHED_S
+from twin_daemon.proposals.thresholds import HEATING_S, OWN_ANGLE_RAD, SMOOTHED_S
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
 
@@ -19,7 +20,8 @@ from twin_daemon.simulation.twin import TwinModel
 class Track:
     """One recording at times `time_s` (m,), each of the others (m,) too.
 
-    The joint's angle, velocity and acceleration, the servo's target, error and heat, and the neighbours' angles.
+    The joint's angle, velocity and acceleration, the servo's target, error and heat, how the link lies to gravity
+    (`orientation`), and the neighbours' angles.
     `onset_s` is the recording's own, by which pieces of it know their place.
     """
 
@@ -32,9 +34,10 @@ class Track:
     command: np.ndarray
     error: np.ndarray
     heat: np.ndarray
+    orientation: np.ndarray
     neighbours: dict[str, np.ndarray]
 
-    VARIABLES: ClassVar = ("time", "position", "velocity", "acceleration", "command", "error", "heat")
+    VARIABLES: ClassVar = ("time", "position", "velocity", "acceleration", "command", "error", "heat", "orientation")
 
     def of(self, variable: str) -> np.ndarray:
         """(m,) one of the joint's own variables."""
@@ -50,8 +53,10 @@ class Track:
         return self.onset_s - piece.onset_s
 
 
-def track(small: TwinModel, whole: Aligned, joint: str, actuator: int, neighbours: Sequence[str]) -> Track:
-    """The measured motion of one recording as a law at `joint` and its servo sees it."""
+def track(
+    small: TwinModel, robot: TwinModel, whole: Aligned, joint: str, actuator: int, neighbours: Sequence[str]
+) -> Track:
+    """The measured motion of one recording as a law at `joint` of a `small` part of a robot and its servo see it."""
     step_s = float(small.model.opt.timestep)
     grid = np.arange(int(np.ceil(whole.time_s[-1] / step_s)) + 1) * step_s
     cut = restricted(whole, small)
@@ -82,6 +87,35 @@ def track(small: TwinModel, whole: Aligned, joint: str, actuator: int, neighbour
     velocity = np.gradient(position, step_s)
     read = np.interp(whole.time_s, grid, position)  # between samples it is straight, and has no second derivative
     acceleration = np.interp(grid, whole.time_s, np.gradient(np.gradient(read, whole.time_s), whole.time_s))
+    lies = np.interp(grid, whole.time_s, orientation(robot, whole, joint))
     found = {name: smooth(name) for name in neighbours}
     sha = whole.recording.sha256
-    return Track(sha, whole.onset_s, grid, position, velocity, acceleration, command, error, heat, found)
+    return Track(sha, whole.onset_s, grid, position, velocity, acceleration, command, error, heat, lies, found)
+
+
+def orientation(robot: TwinModel, whole: Aligned, joint: str) -> np.ndarray:
+    """(n,) rad: the angle of gravity about the axis of a hinge in the frame of the link that it turns.
+
+    Zeros for a slide, and where the joint alone turns the link: then its own angle says as much.
+    """
+    model = robot.model
+    joint_id = model.joint(joint).id
+    count = len(whole.time_s)
+    if model.jnt_type[joint_id] != mujoco.mjtJoint.mjJNT_HINGE:
+        return np.zeros(count)
+    body, data = int(model.jnt_bodyid[joint_id]), mujoco.MjData(model)
+    angles = np.where(np.isfinite(whole.states), whole.states, whole.start_position)
+    axis = model.jnt_axis[joint_id]
+    first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    first /= np.linalg.norm(first)
+    second = np.cross(axis, first)
+    found = np.empty(count)
+    for index, at in enumerate(angles):
+        data.qpos[robot.qpos_adr] = at
+        mujoco.mj_kinematics(model, data)
+        down = data.xmat[body].reshape(3, 3).T @ model.opt.gravity
+        found[index] = np.arctan2(down @ second, down @ first)
+    found = np.unwrap(found)
+    own = angles[:, robot.joints.index(joint)]
+    apart = min(float(np.std(found - own)), float(np.std(found + own)))
+    return found if apart > OWN_ANGLE_RAD else np.zeros(count)

@@ -1,8 +1,9 @@
 """How a law that was found becomes elements of an MJCF, and what that costs where MuJoCo has no element for it.
 
-A torque over the angle is a sum of sines, each a `dcmotor` without input whose cogging it is, as for `torque_ripple`. A
-torque over the speed is a damping polynomial with dry friction, one over the acceleration is armature. Play is Dahl
-friction, one element a width. A change of the reading is no mechanics at all and stands in the measurement model.
+A torque over the angle is a tendon's spring where its formula is a line or a stop, otherwise a sum of sines, each a
+`dcmotor` without input whose cogging it is, as for `torque_ripple`. A torque over the speed is a damping polynomial
+with dry friction, one over the acceleration is armature. Play is Dahl friction, one element a width. A change of the
+reading is no mechanics at all and stands in the measurement model.
 """
 
 from __future__ import annotations
@@ -13,13 +14,14 @@ import mujoco
 import numpy as np
 
 from twin_daemon.effects.base import Place
-from twin_daemon.effects.edits import add_passive_motor, add_to_linear, linear, stable_stiffness
+from twin_daemon.effects.edits import add_joint_tendon, add_passive_motor, add_to_linear, linear, stable_stiffness
 from twin_daemon.effects.from_files.schema import EffectFile
 
 _NATIVE = ("position", "velocity", "acceleration")
 _SINES = 16
 _LEAST_SINE = 1e-3  # of the largest
 _FLOOR_NM = 1e-9
+_FAR_RAD = 1e3  # beyond any angle
 
 
 def cost(effect: EffectFile) -> str:
@@ -28,7 +30,7 @@ def cost(effect: EffectFile) -> str:
         return "" if exists(effect) else "readings of a twin do not depend on the time"
     own = (effect.port, effect.over, effect.factor, effect.memory)
     if own == ("torque", "position", "", ""):
-        return "" if sine_of(effect) else (
+        return "" if sine_of(effect) or spring_of(effect) else (
             f"the MJCF has {_SINES} sines of the angle: the curve within a few percent where it was visited, and its "
             "mirror image beyond"
         )  # fmt: skip
@@ -62,10 +64,29 @@ def sine_of(effect: EffectFile) -> tuple[float, float, float] | None:
     return values["amplitude"][0], values["waves"][0], values["phase"][0]
 
 
+def spring_of(effect: EffectFile) -> tuple[float, float, tuple[float, float]] | None:
+    """(N m, N m/rad, two angles) where the formula is a constant and a spring that pulls outside of the two angles.
+
+    A straight line that pushes is none, since MuJoCo has no negative stiffness.
+    """
+    values = {name: found[0] for name, found in effect.formula_values.items()}
+    if effect.over != "position" or values.keys() - {"constant", "slope", "stiffness", "lower", "upper"}:
+        return None
+    constant, stiffness = values.get("constant", 0.0), values.get("stiffness", -values.get("slope", 0.0))
+    if stiffness < 0.0 or not values:
+        return None
+    if "stiffness" not in values:
+        return constant, stiffness, (0.0, 0.0)
+    return constant, stiffness, (values.get("lower", -_FAR_RAD), values.get("upper", _FAR_RAD))
+
+
 def write(spec: Any, place: Place, effect: EffectFile, strength: float) -> None:
     """Writes the law into a model, `strength` times as strong as it was found."""
     own = (effect.port, effect.over, effect.factor, effect.memory)
-    if own == ("torque", "position", "", ""):
+    spring = spring_of(effect)
+    if own == ("torque", "position", "", "") and spring and strength >= 0.0:
+        _spring(spec, place, effect, strength, *spring)
+    elif own == ("torque", "position", "", ""):
         _sines(spec, place, effect, strength)
     elif own == ("torque", "acceleration", "", ""):
         _armature(spec, place, effect, strength)
@@ -75,6 +96,18 @@ def write(spec: Any, place: Place, effect: EffectFile, strength: float) -> None:
         _dahl(spec, place, effect, strength)
     elif effect.port == "command":
         _mean_gain(spec, place, effect, strength)
+
+
+def _spring(
+    spec: Any, place: Place, effect: EffectFile, strength: float, constant: float, stiffness: float,
+    rest: tuple[float, float],
+) -> None:  # fmt: skip
+    name = f"{place.joint}_{effect.name}"
+    if stiffness:
+        add_joint_tendon(spec, f"{name}_spring", {place.joint: 1.0}, stiffness=strength * stiffness, rest=rest)
+    if constant:
+        motor = add_passive_motor(spec, name, mujoco.mjtTrn.mjTRN_JOINT, place.joint)
+        motor.biasprm = np.array([strength * constant, 1e-9, 0.5 * np.pi, *np.zeros(7)])
 
 
 def _sines(spec: Any, place: Place, effect: EffectFile, strength: float) -> None:

@@ -16,9 +16,9 @@ from twin_daemon.yaml_files import load_yaml
 
 SUFFIX = ".effect.yaml"
 MAX_BYTES = 64_000
-MAX_KNOTS = 128
+MAX_KNOTS = 512
 
-_STEEPEST_READING = 0.9  # of the true angle: a reading that turns back has no inverse
+STEEPEST_READING = 0.9  # of the true angle: a reading that turns back has no inverse
 
 Finite = Annotated[float, AllowInfNan(False), Field(ge=-1e6, le=1e6)]
 Word = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_.\- ]{0,80}$")]
@@ -26,15 +26,16 @@ Text = Annotated[str, StringConstraints(max_length=1000)]
 Key = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]{2,63}$")]
 Over = Literal[
     "position", "velocity", "acceleration", "load", "time", "heat", "command", "command_rate", "error", "neighbour",
-    "neighbour_velocity",
+    "neighbour_velocity", "orientation",
 ]  # fmt: skip
 
 
 class EffectFile(BaseModel):
     """One law: where it acts, what it depends on, its curve, and what the data said of it.
 
-    `knots` (k,) are in the unit of the variable, rad, rad/s, s or 1; with a `memory` they are widths of play in rad or
-    times in s. `values` (k,) and `sigmas` (k,) are in `unit`. Between the knots it is linear, beyond them flat.
+    `knots` (k,) are in the unit of the variable, rad, rad/s, s or 1; with a `memory` they are widths of play in rad,
+    times in s, or rates of a command in rad/s. `values` (k,) and `sigmas` (k,) are in `unit`. Between the knots it is
+    linear, beyond them flat.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
@@ -45,10 +46,10 @@ class EffectFile(BaseModel):
     story: Text = ""
     port: Literal["torque", "command", "reading"]
     over: Over
-    factor: Literal["", "direction", "error"] = ""
-    memory: Literal["", "play", "relaxation", "creep", "lag"] = ""
+    factor: Literal["", "direction", "error", "velocity"] = ""
+    memory: Literal["", "play", "relaxation", "creep", "lag", "slew"] = ""
     neighbour: Word = ""
-    unit: Literal["N m", "N m/rad", "rad", "1"]
+    unit: Literal["N m", "N m/rad", "N m s/rad", "rad", "1"]
     knots: tuple[Finite, ...] = Field(min_length=2, max_length=MAX_KNOTS)
     values: tuple[Finite, ...] = Field(min_length=2, max_length=MAX_KNOTS)
     sigmas: tuple[Finite, ...] = Field(default=(), max_length=MAX_KNOTS)
@@ -73,8 +74,8 @@ class EffectFile(BaseModel):
             raise ValueError("widths and times of a memory must be positive")
         if self.port == "reading":
             slopes = np.diff(self.values) / np.diff(self.knots)
-            if self.over == "position" and np.abs(slopes).max() > _STEEPEST_READING:
-                raise ValueError(f"a reading's slope beside the angle's own may be {_STEEPEST_READING:g} at most")
+            if self.over == "position" and np.abs(slopes).max() > STEEPEST_READING:
+                raise ValueError(f"a reading's slope beside the angle's own may be {STEEPEST_READING:g} at most")
             if self.over not in ("position", "neighbour", "time") or self.factor or self.memory:
                 raise ValueError("a reading depends on the joint's angle, a neighbour's, or the time")
         return self
