@@ -41,11 +41,12 @@ LAWS: Mapping[str, tuple[str | None, float, float]] = {
 
 @dataclass(frozen=True)
 class Look:
-    """One week: what it was worn by (a ratio or an amount), what was named, the least that would have been seen."""
+    """One week: what it was worn by (a ratio or an amount), the effects that were named with their joint, amount and
+    rivals, and the least that would have been seen."""
 
     week: int
     worn: float
-    named: tuple[tuple[str, str, float], ...]
+    named: tuple[tuple[str, str, float, tuple[str, ...]], ...]
     verdict: str
     least: float | None
     took_s: float
@@ -61,13 +62,24 @@ class Hand:
     effect: str | None
     looks: tuple[Look, ...]
 
-    def right(self, name: tuple[str, str, float], week: int) -> bool:
-        worn = next(look.worn for look in self.looks if look.week == week)
-        return name[0] == self.effect and self.joint == name[1] and worn not in (0.0, 1.0)
+    def right(self, name: tuple[str, str, float, tuple[str, ...]], week: int) -> bool:
+        return name[0] == self.effect and self.joint == name[1] and self._is_worn(week)
+
+    def _is_worn(self, week: int) -> bool:
+        return next(look.worn for look in self.looks if look.week == week) not in (0.0, 1.0)
+
+    def _tied(self, name: tuple[str, str, float, tuple[str, ...]], week: int) -> bool:
+        """Whether another name stands first, and the right one is said to explain the same."""
+        return name[0] != self.effect and f"{self.effect}:{self.joint}" in name[3] and self._is_worn(week)
+
+    @property
+    def tied(self) -> int:
+        return sum(self._tied(name, look.week) for look in self.looks for name in look.named)
 
     @property
     def wrong(self) -> int:
-        return sum(not self.right(name, look.week) for look in self.looks for name in look.named)
+        names = [(name, look.week) for look in self.looks for name in look.named]
+        return sum(not self.right(*one) and not self._tied(*one) for one in names)
 
     @property
     def first_right(self) -> int | None:
@@ -109,7 +121,7 @@ def watched(folder: Path, model: Path, seed: int, weeks: Sequence[int]) -> Hand:
             continue
         began = time.process_time()
         found = changes_since(twin, [healthy], [read], joints=[joint])
-        named = tuple((c.effect, c.joints[0], _amount(c)) for c in found.changes)
+        named = tuple((c.effect, c.joints[0], _amount(c), c.rivals) for c in found.changes)
         looks.append(Look(week, worn, named, found.verdict, _least(found, effect), time.process_time() - began))
         print(f"{seed} {law:22} {joint} week {week:2} worn {worn:.3g} {found.verdict:13} {named}", flush=True)
     return Hand(seed, law, joint, effect, tuple(looks))
@@ -168,13 +180,13 @@ def page(hands: Sequence[Hand]) -> str:
         rows.append("| " + " | ".join(map(str, cells)) + " |")
     looks = sum(len(hand.looks) for hand in hands)
     swings = [hand for hand in hands if hand.law == "temperature swings"]
-    wrong = sum(hand.wrong for hand in hands if hand not in swings)
+    wrong, tied = (sum(getattr(hand, what) for hand in hands if hand not in swings) for what in ("wrong", "tied"))
     swayed = sum(len(look.named) for hand in swings for look in hand.looks)
     unworn = [hand for hand in hands if hand.law == "nothing"]
     alarms = sum(len(look.named) for hand in unworn for look in hand.looks)
     seconds = float(np.median([look.took_s for hand in hands for look in hand.looks]))
     return _PAGE.format(
-        rows="\n".join(rows), hands=len(hands), looks=looks, within=within, late=late, wrong=wrong,
+        rows="\n".join(rows), hands=len(hands), looks=looks, within=within, late=late, wrong=wrong, tied=tied,
         unworn=len(unworn), alarms=alarms, swayed=swayed, seconds=seconds,
     )  # fmt: skip
 
@@ -192,9 +204,9 @@ right one.
 |---|---|---|---|---|---|---|
 {rows}
 
-{hands} hands, {looks} looks: named rightly by the look after *reached* {within} of {late} hands; wrong names {wrong};
-false alarms on unworn hands {alarms} ({unworn} hands); names under swings of temperature alone {swayed}. A look took
-{seconds:.0f} s of one core (median).
+{hands} hands, {looks} looks: named rightly by the look after *reached* {within} of {late} hands; wrong names {wrong},
+and {tied} that stood first and were said to be as likely as the right one; false alarms on unworn hands {alarms}
+({unworn} hands); names under swings of temperature alone {swayed}. A look took {seconds:.0f} s of one core (median).
 
 Names under swings of temperature are changes of friction that were there, but are no wear: one comparison cannot know.
 The history can (`twin versions history --covariate FILE.csv`, [versions.md](versions.md)).
@@ -224,7 +236,10 @@ def main() -> None:
 
 def _read(path: Path) -> Hand:
     told = json.loads(path.read_text())
-    looks = tuple(Look(**look | {"named": tuple(map(tuple, look["named"]))}) for look in told.pop("looks"))
+    looks = tuple(
+        Look(**look | {"named": tuple((*name[:3], tuple(name[3])) for name in look["named"])})
+        for look in told.pop("looks")
+    )
     return Hand(**told, looks=looks)
 
 

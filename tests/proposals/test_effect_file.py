@@ -39,6 +39,7 @@ BROKEN = {
     "too few values": {"values": [0.1, 0.2]},
     "a path for a name": {"name": "../../etc/passwd"},
     "a path for a neighbour": {"over": "neighbour", "neighbour": "../x"},
+    "a curve of one knot": {"knots": [0.1], "values": [0.1]},
     "another field": {"run": "import os"},
     "a reading without an inverse": {"port": "reading", "values": [2.0, 0.0, -2.0]},
 }

@@ -110,6 +110,15 @@ def test_a_notch_is_proposed_as_a_torque_over_the_angle(twin: TwinModel, recorde
 
 
 @pytest.mark.slow
+def test_a_memory_of_one_element_is_proposed_with_its_time(twin: TwinModel, recorded: Recorded) -> None:
+    (proposal,) = propose(twin, *recorded("relaxation", 9.0, 6.0), UNEXPLAINED, joints=["elbow"]).proposals
+    assert (proposal.port, proposal.variables) == ("torque", ("velocity",))
+    (time_s,), (strength,) = proposal.curve.at, proposal.curve.value
+    assert time_s == pytest.approx(1.5, rel=0.1)
+    assert strength == pytest.approx(1.2, rel=0.1)
+
+
+@pytest.mark.slow
 def test_a_servo_that_fades_is_proposed_as_its_gain_over_time(twin: TwinModel, recorded: Recorded) -> None:
     (proposal,) = propose(twin, *recorded("fading_gain", 9.0, 6.0), UNEXPLAINED, joints=["elbow"]).proposals
     assert proposal.port == "command"

@@ -260,9 +260,13 @@ def _refitted(origin: Fit, changed: tuple[int, ...], index: int, rounds: int) ->
     pair, quantity = origin.pair, origin.pair.now.quantities[index]
     if not quantity.grows or index in pair.now.active:
         return [pair.fit(changed, origin, rounds)]
-    begun = Fit(pair, origin.expected(changed)[0], origin.rows, origin.slopes, origin.changed)
+    aim = origin.expected(changed)[0]
+    # to first order all else makes room for it, which what is not smooth need not do: begun as well where all else is
+    alone = origin.point.copy()
+    alone[[index, pair.count + index]] = 0.0, max(aim[index] + aim[pair.count + index], quantity.spike)
+    begun = [Fit(pair, point, origin.rows, origin.slopes, origin.changed) for point in (aim, alone)]
     laws = [pair.with_quantity(index, law).with_active(pair.now.active | {index}) for law in quantity.laws()]
-    return [law.fit(changed, begun, rounds) for law in laws]
+    return [law.fit(changed, one, rounds) for law in laws for one in begun]
 
 
 def _is_present(pair: Pair, index: int) -> bool:

@@ -159,11 +159,12 @@ def _with_findings(twin: TwinModel, found: Diagnosis, chosen: Sequence[str]) -> 
 
 def _tried(joint: str, trials: Sequence[Trial], laws: Sequence[FittedLaw]) -> list[Rival]:
     fitted = {law.feature.name: law for law in laws}
-    rows = []
+    rows, said = [], {laws[0].feature.name}
     for trial in trials:
-        law = fitted.get(trial.feature.name)
-        if law is laws[0]:
+        if trial.feature.name in said:
             continue
+        said.add(trial.feature.name)
+        law = fitted.get(trial.feature.name)
         why = "other laws promise more" if law is None else f"{laws[0].nats - law.nats:.0f} nats behind the best"
         rows.append(
             Rival(

@@ -12,11 +12,14 @@ from twin_daemon.proposals.formula import Formula, dense, formulas, sharp_formul
 from twin_daemon.proposals.law_problem import LawProblem
 from twin_daemon.proposals.search import FittedLaw, JointSearch
 from twin_daemon.proposals.thresholds import (
+    CLOSER,
+    CLOSER_LOOKS,
     FORMULA_FLOOR,
     FORMULA_MOVES,
     FORMULA_ROUNDS,
     FORMULAS_RACING,
     FORMULAS_TRIED,
+    RACING_ROUNDS,
     SPOKEN_SHARE,
 )
 
@@ -104,7 +107,12 @@ def _scales(formula: Formula, x: np.ndarray) -> np.ndarray:
 
 
 def refitted(search: JointSearch, law: FittedLaw) -> RefittedLaw:
-    """The law by the best of some formulas, or by its curve where what that leaves less is worth its knots."""
+    """The law by the best of some formulas, or by its curve where what that leaves less is worth its knots.
+
+    The simplest memory is one element.
+    """
+    if law.feature.memory:
+        law = max(law, _one_element(search, law), key=lambda one: one.nats)
     best: RefittedLaw | None = None
     for formula in _promising(search, law):
         found = _by_formula(search, law, formula)
@@ -113,6 +121,24 @@ def refitted(search: JointSearch, law: FittedLaw) -> RefittedLaw:
     if best is not None and best.law.nats >= law.nats:
         return best
     return RefittedLaw(law, None, {}, law.feature.knots, law.coefficients, law.sigmas)
+
+
+def _one_element(search: JointSearch, law: FittedLaw) -> FittedLaw:
+    """The memory as one element, whose length is fitted as well: the best of some lengths, then of closer ones."""
+    lengths, sizes = np.array(law.feature.knots), np.abs(law.coefficients)
+    strongest = int(np.argmax(sizes))
+    apart = float(np.diff(np.log(lengths)).min())
+    tried: dict[float, FittedLaw] = {}
+    best = float(lengths[strongest])
+    for _ in range(CLOSER_LOOKS):
+        for length in best * np.exp(apart * np.array([-1.0, -0.5, 0.0, 0.5, 1.0])):
+            problem = search.problem(replace(law.feature, knots=(float(length),)), law.problem.smoothness)
+            start = problem.point(law.reached.point[: problem.own], law.coefficients[[strongest]])
+            reached = gauss_newton(problem, start, problem.own, RACING_ROUNDS)
+            tried[float(length)] = search.judged(law.trial, problem, reached, freedom=2.0)
+        best = max(tried, key=lambda length: tried[length].nats)
+        apart *= CLOSER
+    return tried[best]
 
 
 def _dense(search: JointSearch, law: FittedLaw) -> LawProblem:

@@ -114,6 +114,8 @@ UNDECIDED_NATS = Threshold(3.0, "nats", "between two laws: 20 to 1; below, held-
 FORMULA_ROUNDS = Count(3, "rounds", "of Gauss and Newton for the values of a formula")
 FORMULA_MOVES = Count(4, "times", "that these rounds begin anew where they have come to the end of a value's range")
 FORMULA_FLOOR = Threshold(0.03, "1", "of a formula's value: the least half-width of its interval")
+CLOSER = Threshold(0.35, "1", "of the step between lengths that are tried for one element, in logarithms: the next")
+CLOSER_LOOKS = Count(3, "looks", "at five lengths each, the first as far apart as a memory's elements")
 SPOKEN_SHARE = Threshold(0.1, "1", "of a memory's strongest element: weaker ones are not named")
 
 # -- what is proposed ----------------------------------------------------------------------------------------

@@ -50,8 +50,8 @@ class EffectFile(BaseModel):
     memory: Literal["", "play", "relaxation", "creep", "lag", "slew"] = ""
     neighbour: Word = ""
     unit: Literal["N m", "N m/rad", "N m s/rad", "rad", "1"]
-    knots: tuple[Finite, ...] = Field(min_length=2, max_length=MAX_KNOTS)
-    values: tuple[Finite, ...] = Field(min_length=2, max_length=MAX_KNOTS)
+    knots: tuple[Finite, ...] = Field(min_length=1, max_length=MAX_KNOTS)
+    values: tuple[Finite, ...] = Field(min_length=1, max_length=MAX_KNOTS)
     sigmas: tuple[Finite, ...] = Field(default=(), max_length=MAX_KNOTS)
     visited: tuple[Finite, Finite]
     formula: Text = ""
@@ -66,6 +66,8 @@ class EffectFile(BaseModel):
     def _is_a_curve(self) -> Self:
         if len(self.knots) != len(self.values) or len(self.sigmas) not in (0, len(self.knots)):
             raise ValueError("knots, values and sigmas must be equally many")
+        if len(self.knots) < 2 and not self.memory:
+            raise ValueError("a curve has two knots at least")
         if any(later <= earlier for earlier, later in zip(self.knots, self.knots[1:], strict=False)):
             raise ValueError("knots must increase")
         if self.over.startswith("neighbour") != bool(self.neighbour):
