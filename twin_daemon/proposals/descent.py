@@ -96,10 +96,11 @@ class Rows(Protocol):
 def gauss_newton(problem: Rows, start: np.ndarray | Reached, own: int, rounds: int) -> Reached:
     """Full derivatives each round; of several damped steps the one that fits best counts.
 
-    Where another descent of the same problem has come to, it goes on with the slopes that are known there.
+    Where none fits better they are taken to the other side once: what sticks and slips makes corners in a cost. Where
+    another descent of the same problem has come to, it goes on with the slopes that are known there.
     """
     point = start.point if isinstance(start, Reached) else start
-    steps = np.where(np.arange(len(point)) < own, NUISANCE_STEP, LAW_STEP)
+    steps, turned = np.where(np.arange(len(point)) < own, NUISANCE_STEP, LAW_STEP), False
     rows, slopes = (start.rows, start.slopes) if isinstance(start, Reached) else _slopes(problem, point, steps)
     for _ in range(rounds):
         cost, hessian = float(rows @ rows), slopes.T @ slopes
@@ -121,7 +122,11 @@ def gauss_newton(problem: Rows, start: np.ndarray | Reached, own: int, rounds: i
         costs = (tried**2).sum(axis=1)
         best = int(np.argmin(costs))
         if costs[best] >= cost:
-            break
+            if turned:
+                break
+            steps, turned = -steps, True
+            rows, slopes = _slopes(problem, point, steps)
+            continue
         point = trials[best]
         gained = 1.0 - costs[best] / cost
         rows, slopes = _slopes(problem, point, steps)

@@ -63,6 +63,8 @@ class Formula:
         elif self.family.key in ("bump", "notch") and values[2] < 0.0:
             values[2] = -values[2]
             values[0] *= -1.0 if self.family.key == "notch" else 1.0
+        elif self.family.key == "stribeck":
+            values[1] = abs(values[1])
         return replace(self, values=values)
 
     def text(self, variable: str) -> str:
@@ -297,7 +299,13 @@ def formulas(feature: Feature, coefficients: np.ndarray, sigmas: np.ndarray) -> 
                 continue
             bits = 2.0 * fit.cost + len(family.names) * np.log(len(x))
             found.append((float(bits), Formula(family, fit.x).in_order()))
-    return [formula for _, formula in sorted(found, key=lambda item: item[0])]
+    ordered = [formula for _, formula in sorted(found, key=lambda item: item[0])]
+    # several starts come to the same values
+    return [one for index, one in enumerate(ordered) if not any(_alike(one, other) for other in ordered[:index])]
+
+
+def _alike(one: Formula, other: Formula) -> bool:
+    return one.family is other.family and np.allclose(one.values, other.values, rtol=1e-3, atol=1e-9)
 
 
 def sharp_formulas(feature: Feature, kp: float) -> list[Formula]:

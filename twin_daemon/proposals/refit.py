@@ -15,6 +15,7 @@ from twin_daemon.proposals.thresholds import (
     CLOSER,
     CLOSER_LOOKS,
     FORMULA_FLOOR,
+    FORMULA_GAIN,
     FORMULA_MOVES,
     FORMULA_ROUNDS,
     FORMULAS_RACING,
@@ -161,15 +162,17 @@ def _promising(search: JointSearch, law: FittedLaw) -> list[Formula]:
 
 
 def _descended(problem: LawProblem, formula: Formula, nuisances: np.ndarray) -> tuple[_FormulaProblem, Reached]:
-    """The formula's values fitted beside the nuisances; anew from where they come to the end of a range."""
-    left = FORMULA_MOVES
+    """The formula's values fitted beside the nuisances, while that gains and where they come to the end of a range."""
+    left, before = FORMULA_MOVES, np.inf
     while True:
         wrapped = _FormulaProblem(problem, formula)
         start = np.concatenate([nuisances, np.full(len(formula.values), 0.5)])
         reached = gauss_newton(wrapped, start, problem.own, FORMULA_ROUNDS)
         left -= 1
-        if not left or np.abs(reached.point[problem.own :] - 0.5).max() < 0.5 - 1e-9:
+        at_end = np.abs(reached.point[problem.own :] - 0.5).max() > 0.5 - 1e-9
+        if not left or (not at_end and reached.cost > (1.0 - FORMULA_GAIN) * before):
             return wrapped, reached
+        before = reached.cost
         formula = replace(formula, values=wrapped.values(reached.point[None])[0])
         nuisances = reached.point[: problem.own]
 

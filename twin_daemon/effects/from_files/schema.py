@@ -66,7 +66,7 @@ class EffectFile(BaseModel):
     def _is_a_curve(self) -> Self:
         if len(self.knots) != len(self.values) or len(self.sigmas) not in (0, len(self.knots)):
             raise ValueError("knots, values and sigmas must be equally many")
-        if len(self.knots) < 2 and not self.memory:
+        if len(self.values) < 2 and not self.memory:
             raise ValueError("a curve has two knots at least")
         if any(later <= earlier for earlier, later in zip(self.knots, self.knots[1:], strict=False)):
             raise ValueError("knots must increase")
