@@ -119,7 +119,8 @@ def refitted(search: JointSearch, law: FittedLaw) -> RefittedLaw:
         found = _by_formula(search, law, formula)
         if best is None or found.law.nats > best.law.nats:
             best = found
-    if best is not None and best.law.nats >= law.nats:
+    is_line = len(law.feature.knots) == 2 and not law.feature.memory
+    if best is not None and (best.law.nats >= law.nats or is_line):
         return best
     return RefittedLaw(law, None, {}, law.feature.knots, law.coefficients, law.sigmas)
 

@@ -264,8 +264,6 @@ class JointSearch:
 
         Two rounds for those that promise most; those that then lead go on.
         """
-        plain = trials[0].share > PLAIN_SHARE
-        promising = trials[: LEADING if plain else RACING]
 
         def begin(trial: Trial) -> tuple[Trial, LawProblem, Reached]:
             self.limit.check()
@@ -280,7 +278,7 @@ class JointSearch:
             return law
 
         best: dict[str, tuple[Trial, LawProblem, Reached]] = {}
-        for one in sorted(concurrently(begin, promising), key=lambda one: self._price(one[1], one[2])):
+        for one in sorted(concurrently(begin, trials[:RACING]), key=lambda one: self._price(one[1], one[2])):
             best.setdefault(one[0].feature.name, one)  # of curves that are finer or coarser one goes on
         return sorted(in_order(go_on, list(best.values())[:LEADING], self.say), key=lambda law: -law.nats)
 

@@ -92,8 +92,8 @@ FOLDS = Count(5, "blocks", "in time, each left out once from the linear step")
 
 RACING = Count(8, "laws", "that promise most by one step: fitted in roll-outs")
 RACING_ROUNDS = Count(2, "rounds", "of Gauss and Newton for each of them")
-PLAIN_SHARE = Threshold(0.9, "1", "of the error taken away by one step: then only the next few may still be better")
-LEADING = Count(3, "laws", "that go on; no more begin where one step has taken most away")
+PLAIN_SHARE = Threshold(0.9, "1", "of the error taken away by one step: then no finer curve is asked for")
+LEADING = Count(3, "laws", "that go on")
 ROUNDS = Count(4, "rounds", "of Gauss and Newton for each of these, and for the model without a law")
 
 # -- formulas ------------------------------------------------------------------------------------------------
