@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from bench.library_laws import ANSWERS
 from twin_daemon.effects import BUILT_IN
 from twin_daemon.estimation.posterior import Posterior
+from twin_daemon.hand import load_hand
 from twin_daemon.proposals.features import OF_NEIGHBOURS, Feature, features
 from twin_daemon.proposals.law_problem import LawProblem
 from twin_daemon.proposals.track import Track, orientation, track
@@ -121,10 +123,19 @@ def test_a_straight_line_is_smooth_on_knots_that_are_dense_about_none(twin: Twin
 
 def test_gravity_turns_about_a_link_with_all_joints_before_it(twin: TwinModel, recorded: Recorded) -> None:
     train, _ = recorded("sound", 8.0, 6.0)
-    both = train[0].states.sum(axis=1)  # shoulder and elbow have parallel axes
-    found = orientation(twin, train[0], "elbow")
+    angles = train[0].states
+    both = angles.sum(axis=1)  # shoulder and elbow have parallel axes
+    found = orientation(twin, angles, "elbow")
     assert min(np.std(found - both), np.std(found + both)) < 1e-9 < 0.1 < np.std(found)
-    assert not orientation(twin, train[0], "shoulder").any()  # its own angle says it all
+    assert not orientation(twin, angles, "shoulder").any()  # its own angle says it all
+
+
+def test_gravity_says_nothing_of_a_link_that_turns_about_the_vertical(arm: Path, tmp_path: Path) -> None:
+    upright = tmp_path / "upright.xml"
+    upright.write_text(arm.read_text(encoding="utf-8").replace('axis="0 1 0"', 'axis="0 0 1"'), encoding="utf-8")
+    twin = TwinModel.load(load_hand(model=upright))
+    angles = np.random.default_rng(1).uniform(-1.0, 1.0, (50, 2))
+    assert not orientation(twin, angles, "elbow").any()
 
 
 def test_every_effect_of_the_library_has_an_answer_that_a_search_can_give() -> None:

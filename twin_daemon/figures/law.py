@@ -18,7 +18,8 @@ def law_figure(curve: Curve, name: str) -> go.Figure:
             x=curve.at, y=side, fill=fill, mode="lines", line={"width": 0}, hoverinfo="skip",
             name="95 %" if fill else "", showlegend=fill is not None, fillcolor="rgba(120,140,170,0.3)",
         )  # fmt: skip
-    figure.add_scatter(x=curve.at, y=curve.value, mode="lines", name="law")
+    mode = "markers" if curve.at[0] == curve.at[-1] else "lines"  # a memory of one element has no line
+    figure.add_scatter(x=curve.at, y=curve.value, mode=mode, name="law")
     low, high = curve.visited
     if high > low:
         for start, end in ((curve.at[0], low), (high, curve.at[-1])):

@@ -167,9 +167,9 @@ def _away_from_zero(value: float) -> float:
     return value if abs(value) > 1e-9 else 1e-9
 
 
-def _straightest(x: np.ndarray, y: np.ndarray) -> list[float]:
-    """[level, slope], also where all x are the same."""
-    return list(np.linalg.lstsq(np.stack([np.ones_like(x), x], axis=1), y, rcond=None)[0])
+def _combined(y: np.ndarray, *basis: np.ndarray) -> list[float]:
+    """How much of each of some shapes (k,) a curve (k,) is, also where they are alike."""
+    return list(np.linalg.lstsq(np.stack(basis, axis=1), y, rcond=None)[0])
 
 
 def _sine_starts(x: np.ndarray, y: np.ndarray) -> list[list[float]]:
@@ -211,10 +211,9 @@ FAMILIES = {
                            lambda x, y: [[float(x @ y / max(x @ x, 1e-12))]]),
     "constant": Family("constant", "{constant}", ("constant",), _constant, lambda x, y: [[float(y.mean())]]),
     "line": Family("line", "{constant} + {slope} {x}", ("constant", "slope"), _line,
-                   lambda x, y: [_straightest(x, y)]),
+                   lambda x, y: [_combined(y, np.ones_like(x), x)]),
     "cubic": Family("cubic", "{constant} + {linear} {x} + {cubic} {x}^3", ("constant", "linear", "cubic"), _cubic,
-                    lambda x, y: [list(np.linalg.lstsq(np.stack([np.ones_like(x), x, x**3], axis=1), y,
-                                                       rcond=None)[0])]),
+                    lambda x, y: [_combined(y, np.ones_like(x), x, x**3)]),
     "above": Family("above", "-{stiffness} ({x} - {upper}) above {upper}", ("stiffness", "upper"), _above,
                     lambda x, y: _edge_starts(x, y, -1), _stops("h")),
     "below": Family("below", "{stiffness} ({lower} - {x}) below {lower}", ("stiffness", "lower"), _below,
@@ -231,14 +230,14 @@ FAMILIES = {
                        _settling, lambda x, y: [[float(y[-1] - y[0]), t * float(np.ptp(x)), float(y[0])]
                                                 for t in (0.1, 0.3, 1.0)]),
     "size": Family("size", "{constant} + {slope} |{x}|", ("constant", "slope"), _dry,
-                   lambda x, y: [_straightest(np.abs(x), y)]),
+                   lambda x, y: [_combined(y, np.ones_like(x), np.abs(x))]),
     "weight": Family("weight", "{across} cos({x}) + {along} sin({x})", ("across", "along"),
                      lambda p, x: p[0] * np.cos(x) + p[1] * np.sin(x),
-                     lambda x, y: [list(np.linalg.lstsq(np.stack([np.cos(x), np.sin(x)], axis=1), y, rcond=None)[0])]),
+                     lambda x, y: [_combined(y, np.cos(x), np.sin(x))]),
     "power": Family("power", "{factor} sign({x}) |{x}|^{power}", ("factor", "power"), _power,
                     lambda x, y: [[float(x @ y / max(x @ x, 1e-12)), p] for p in (0.5, 1.0, 2.0)]),
     "drag": Family("drag", "{linear} {x} + {quadratic} {x} |{x}|", ("linear", "quadratic"), _drag,
-                   lambda x, y: [list(np.linalg.lstsq(np.stack([x, x * np.abs(x)], axis=1), y, rcond=None)[0])]),
+                   lambda x, y: [_combined(y, x, x * np.abs(x))]),
     "rubbing": Family("rubbing", "{forward} forwards, {backward} backwards, + {slope} {x}",
                       ("forward", "backward", "slope"), _rubbing,
                       lambda x, y: [[float(y[x > 0].mean()), float(y[x < 0].mean()), 0.0]]),
@@ -247,7 +246,7 @@ FAMILIES = {
     "levels": Family("levels", "{forward} forwards, {backward} backwards", ("forward", "backward"), _levels,
                      lambda x, y: [[float(y[x > 0].mean()), float(y[x < 0].mean())]]),
     "dry": Family("dry", "{level} + {slope} |{x}|, against the motion", ("level", "slope"), _dry,
-                  lambda x, y: [_straightest(np.abs(x), y)]),
+                  lambda x, y: [_combined(y, np.ones_like(x), np.abs(x))]),
     "two_levels": Family("two_levels", "{forward} forwards, {backward} backwards, against the motion",
                          ("forward", "backward"), _two_levels,
                          lambda x, y: [[float(y[x > 0].mean()), float(y[x < 0].mean())]]),

@@ -249,17 +249,17 @@ def remembered(feature: Feature, track: Track, before: np.ndarray, step_s: float
         for moved in np.diff(track.position[before]):
             state = np.clip(state + moved / widths, -1.0, 1.0)
         return state
+    if feature.memory == "slew":
+        state, most = np.full(len(feature.knots), track.command[0]), np.array(feature.knots) * step_s
+        for now in track.command[before]:
+            state += np.clip(now - state, -most, most)
+        return state
     keep = np.exp(-step_s / np.array(feature.knots))
     if feature.memory == "relaxation":
         # each movement enters whole
         return _filtered(np.diff(track.position[before], prepend=track.position[0]), keep, np.ones_like(keep), 0.0)
     if feature.memory == "lag":
         return _filtered(track.command[before], keep, 1.0 - keep, float(track.command[0]))
-    if feature.memory == "slew":
-        state, most = np.full(len(keep), track.command[0]), np.array(feature.knots) * step_s
-        for now in track.command[before]:
-            state += np.clip(now - state, -most, most)
-        return state
     return _filtered(track.error[before], keep, 1.0 - keep, 0.0)
 
 

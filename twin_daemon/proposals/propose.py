@@ -14,7 +14,7 @@ from twin_daemon.diagnosis.verdict import Diagnosis
 from twin_daemon.effects import reload_files
 from twin_daemon.effects.from_files import EffectFile, save_effect_file
 from twin_daemon.effects.from_files import native as native_form
-from twin_daemon.effects.from_files.schema import STEEPEST_READING
+from twin_daemon.effects.from_files.schema import STEEPEST_READING, steepest
 from twin_daemon.errors import BadInput
 from twin_daemon.estimation.partition import Reduction
 from twin_daemon.estimation.thresholds import Z95
@@ -184,9 +184,9 @@ def _refused(search: JointSearch, described: RefittedLaw, found: Diagnosis) -> s
     law = described.law
     low, high = law.gain_ci95
     if law.feature.port == "reading" and law.feature.over == "position":
-        steepest = float(np.abs(np.diff(described.curve) / np.diff(described.knots)).max())
-        if steepest > STEEPEST_READING:
-            return f"the best law ({law.feature.name}) is a reading that turns back: {steepest:.2f} of the angle's own"
+        slope = steepest(described.knots, described.curve)
+        if slope > STEEPEST_READING:
+            return f"the best law ({law.feature.name}) is a reading that turns back: {slope:.2f} of the angle's own"
     if low <= 0.0:
         return f"on held-out motion the best law ({law.feature.name}) gains {law.gain:.0%} ({low:.0%} to {high:.0%})"
     if law.gain < LEAST_GAIN:

@@ -130,17 +130,17 @@ def _one_element(search: JointSearch, law: FittedLaw) -> FittedLaw:
     lengths, sizes = np.array(law.feature.knots), np.abs(law.coefficients)
     strongest = int(np.argmax(sizes))
     apart = float(np.diff(np.log(lengths)).min())
-    tried: dict[float, FittedLaw] = {}
+    tried: dict[float, tuple[LawProblem, Reached]] = {}
     best = float(lengths[strongest])
     for _ in range(CLOSER_LOOKS):
-        for length in best * np.exp(apart * np.array([-1.0, -0.5, 0.0, 0.5, 1.0])):
-            problem = search.problem(replace(law.feature, knots=(float(length),)), law.problem.smoothness)
-            start = problem.point(law.reached.point[: problem.own], law.coefficients[[strongest]])
-            reached = gauss_newton(problem, start, problem.own, RACING_ROUNDS)
-            tried[float(length)] = search.judged(law.trial, problem, reached, freedom=2.0)
-        best = max(tried, key=lambda length: tried[length].nats)
+        for length in (best * np.exp(apart * np.array([-1.0, -0.5, 0.0, 0.5, 1.0]))).tolist():
+            if length not in tried:
+                problem = search.problem(replace(law.feature, knots=(length,)), law.problem.smoothness)
+                start = problem.point(law.reached.point[: problem.own], law.coefficients[[strongest]])
+                tried[length] = problem, gauss_newton(problem, start, problem.own, RACING_ROUNDS)
+        best = min(tried, key=lambda length: tried[length][1].cost)
         apart *= CLOSER
-    return tried[best]
+    return search.judged(law.trial, *tried[best], freedom=2.0)
 
 
 def _dense(search: JointSearch, law: FittedLaw) -> LawProblem:
@@ -157,8 +157,8 @@ def _promising(search: JointSearch, law: FittedLaw) -> list[Formula]:
     x, nuisances = np.array(problem.feature.knots), law.reached.point[: problem.own]
     curves = [one.family.shape(one.values, x) for one in candidates]
     rows = problem.residuals(np.array([problem.point(nuisances, curve) for curve in curves]))
-    count = max(problem.effective_samples, 2.0)
-    prices = count * np.log((rows**2).sum(axis=1)) + np.log(count) * np.array([len(one.values) for one in candidates])
+    left = (rows**2).sum(axis=1).tolist()
+    prices = [search.price(cost, len(one.values)) for cost, one in zip(left, candidates, strict=True)]
     return [candidates[index] for index in np.argsort(prices, kind="stable")[:FORMULAS_TRIED]]
 
 

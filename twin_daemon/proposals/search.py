@@ -54,21 +54,17 @@ class Trial:
     smoothness: float
     linear: Linear
     start: np.ndarray
-    samples: float
 
     @property
     def promise(self) -> float:
         """The better of both: a law that is strong bends what one step says of it."""
         return max(self.share, self.reduction)
 
-    @cached_property
-    def price(self) -> float:
-        """What is left by as much as is promised, with the price of the law's values: lower is better."""
+    @property
+    def freedom(self) -> float:
+        """How many values of the law the data determine."""
         own = len(self.start) - len(self.feature.knots)
-        slopes, beliefs = self.linear.slopes[:, own:], self.linear.beliefs[:, own:]
-        seen = slopes.T @ slopes
-        freedom = float(np.trace(np.linalg.pinv(seen + beliefs.T @ beliefs) @ seen))
-        return self.samples * float(np.log(max(1.0 - self.promise, 1e-9))) + freedom * float(np.log(self.samples))
+        return _determined(self.linear.slopes[:, own:], self.linear.beliefs[:, own:])
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +187,7 @@ class JointSearch:
         }
         own = len(self.variables)
         temper = np.sqrt(max(1.0, self.alone.cost / self.base.effective_samples))
-        nuisance_slopes, samples = self.alone.slopes, max(self.base.effective_samples, 2.0)
+        nuisance_slopes = self.alone.slopes
 
         def tried(feature: Feature, say: Say) -> Trial:
             self.limit.check()
@@ -209,7 +205,7 @@ class JointSearch:
                 linear = Linear(rows[:data], whole, fold, temper * believed, temper * beliefs)
                 share = cross_validated(linear, own)
                 if best is None or share > best.share:
-                    best = Trial(feature, share, 0.0, smoothness, linear, point, samples)
+                    best = Trial(feature, share, 0.0, smoothness, linear, point)
             assert best is not None
             say(f"{feature.name}: {best.share:.0%} of the error by one linear step")
             return self._stepped(best)
@@ -219,7 +215,7 @@ class JointSearch:
         trials = in_order(tried, [one for one in known if one not in fine], self.say)
         if max(trial.share for trial in trials) <= PLAIN_SHARE:  # else there is nothing left that is finer
             trials += in_order(tried, fine, self.say)
-        return sorted(trials, key=lambda trial: trial.price)
+        return sorted(trials, key=lambda trial: self.price(1.0 - trial.promise, trial.freedom))
 
     def _stepped(self, trial: Trial) -> Trial:
         """The trial with the best of some lengths of its linear step, as roll-outs show it."""
@@ -277,35 +273,42 @@ class JointSearch:
             say(f"{trial.feature.name}: {law.gain:.0%} of the held-out error")
             return law
 
+        begun = concurrently(begin, trials[:RACING])
         best: dict[str, tuple[Trial, LawProblem, Reached]] = {}
-        for one in sorted(concurrently(begin, trials[:RACING]), key=lambda one: self._price(one[1], one[2])):
+        for one in sorted(begun, key=lambda one: self.price(one[2].cost, _freedom(one[1], one[2]))):
             best.setdefault(one[0].feature.name, one)  # of curves that are finer or coarser one goes on
         return sorted(in_order(go_on, list(best.values())[:LEADING], self.say), key=lambda law: -law.nats)
 
-    def _price(self, problem: LawProblem, reached: Reached) -> float:
-        """What is left by a law, with the price of its values: lower is better."""
-        count = max(problem.effective_samples, 2.0)
-        return count * float(np.log(reached.cost / count)) + _freedom(problem, reached) * float(np.log(count))
+    @cached_property
+    def samples(self) -> float:
+        """How many independent samples the motion to fit is worth."""
+        return max(self.base.effective_samples, 2.0)
+
+    def price(self, left: float, values: float) -> float:
+        """Of a law that leaves so much and has so many values, in twice a nat: lower is better."""
+        return self.samples * float(np.log(max(left, 1e-9))) + values * float(np.log(self.samples))
 
     def judged(self, trial: Trial, problem: LawProblem, reached: Reached, *, freedom: float | None = None) -> FittedLaw:
         """The evidence of a law that has been fitted, and its gain on held-out motion; `freedom` are its values."""
-        before, after = self._held(None, self.alone.point), self._held(problem, reached.point)
+        before, after = self._held_alone, self._held(problem, reached.point)
         total_before, total_after = float(before.mean()), float(after.mean())
         block = block_samples(self.held[0].time_s)
-        count = max(problem.effective_samples, 2.0)
-        alone = count * float(np.log(max(self.alone.cost / count, 1.0)))
-        with_law = count * float(np.log(max(reached.cost / count, 1.0)))
-        price = (_freedom(problem, reached) if freedom is None else freedom) * float(np.log(count))
+        values = _freedom(problem, reached) if freedom is None else freedom
+        alone, with_law = (max(cost / self.samples, 1.0) for cost in (self.alone.cost, reached.cost))
         return FittedLaw(
             problem=problem,
             reached=reached,
-            nats=0.5 * (alone - with_law - price),
+            nats=0.5 * (self.price(alone, 0.0) - self.price(with_law, values)),
             mse_before=total_before,
             mse_after=total_after,
             gain=1.0 - total_after / max(total_before, 1e-30),
             gain_ci95=block_gain(before, after, block, self.seed),
             trial=trial,
         )
+
+    @cached_property
+    def _held_alone(self) -> np.ndarray:
+        return self._held(None, self.alone.point)
 
     def _held(self, problem: LawProblem | None, point: np.ndarray, twin: TwinModel | None = None) -> np.ndarray:
         """(n,) rad^2: mean over the joints of each held-out sample's squared error."""
@@ -356,8 +359,11 @@ def _believable(variable: Variable) -> Variable:
 
 def _freedom(problem: LawProblem, reached: Reached) -> float:
     """How many values the data determine of a law's, the smoothness taken off."""
-    own = range(problem.own, reached.slopes.shape[1])
     data = len(reached.rows) - len(problem.prior_slopes())
-    seen = reached.slopes[:data, own].T @ reached.slopes[:data, own]
-    whole = reached.slopes[:, own].T @ reached.slopes[:, own]
-    return float(np.trace(np.linalg.pinv(whole) @ seen))
+    return _determined(reached.slopes[:data, problem.own :], reached.slopes[data:, problem.own :])
+
+
+def _determined(slopes: np.ndarray, beliefs: np.ndarray) -> float:
+    """How many of k values data with slopes (m, k) determine beside beliefs with slopes (q, k)."""
+    seen = slopes.T @ slopes
+    return float(np.trace(np.linalg.pinv(seen + beliefs.T @ beliefs) @ seen))

@@ -21,6 +21,9 @@ HEAT_KNOTS = Count(5, "knots", "of a curve over the servo's heat")
 COMMAND_KNOTS = Count(14, "knots", "of a curve over the command")
 NEIGHBOUR_KNOTS = Count(6, "knots", "of a curve over a neighbour's angle")
 ORIENTATION_KNOTS = Count(8, "knots", "of a curve over the direction of gravity in the link")
+LEAST_ACROSS = Threshold(
+    0.05, "1", "of gravity across a joint's axis, all the time: with less its direction says nothing"
+)
 OWN_ANGLE_RAD = Threshold(
     0.05, "rad", "rms that other joints turn a link by: below, its orientation is the joint's own angle"
 )

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from twin_daemon.estimation.partition import restricted
-from twin_daemon.proposals.thresholds import HEATING_S, OWN_ANGLE_RAD, SMOOTHED_S
+from twin_daemon.proposals.thresholds import HEATING_S, LEAST_ACROSS, OWN_ANGLE_RAD, SMOOTHED_S
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
 
@@ -87,35 +87,38 @@ def track(
     velocity = np.gradient(position, step_s)
     read = np.interp(whole.time_s, grid, position)  # between samples it is straight, and has no second derivative
     acceleration = np.interp(grid, whole.time_s, np.gradient(np.gradient(read, whole.time_s), whole.time_s))
-    lies = np.interp(grid, whole.time_s, orientation(robot, whole, joint))
+    angles = np.stack([np.interp(whole.time_s, grid, smooth(name)) for name in robot.joints], axis=1)
+    lies = np.interp(grid, whole.time_s, orientation(robot, angles, joint))
     found = {name: smooth(name) for name in neighbours}
     sha = whole.recording.sha256
     return Track(sha, whole.onset_s, grid, position, velocity, acceleration, command, error, heat, lies, found)
 
 
-def orientation(robot: TwinModel, whole: Aligned, joint: str) -> np.ndarray:
-    """(n,) rad: the angle of gravity about the axis of a hinge in the frame of the link that it turns.
+def orientation(robot: TwinModel, angles: np.ndarray, joint: str) -> np.ndarray:
+    """(n,) rad: the angle of gravity about a hinge's axis in the frame of the link that it turns.
 
-    Zeros for a slide, and where the joint alone turns the link: then its own angle says as much.
+    `angles` (n, j) rad are those of the robot's joints.
+
+    Zeros for a slide, for an axis along which gravity pulls, and where the joint alone turns the link: then its own
+    angle says as much.
     """
-    model = robot.model
+    model, none = robot.model, np.zeros(len(angles))
     joint_id = model.joint(joint).id
-    count = len(whole.time_s)
     if model.jnt_type[joint_id] != mujoco.mjtJoint.mjJNT_HINGE:
-        return np.zeros(count)
+        return none
     body, data = int(model.jnt_bodyid[joint_id]), mujoco.MjData(model)
-    angles = np.where(np.isfinite(whole.states), whole.states, whole.start_position)
     axis = model.jnt_axis[joint_id]
     first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     first /= np.linalg.norm(first)
-    second = np.cross(axis, first)
-    found = np.empty(count)
+    across = np.stack([first, np.cross(axis, first)])
+    pulls = np.empty((len(angles), 2))
     for index, at in enumerate(angles):
         data.qpos[robot.qpos_adr] = at
         mujoco.mj_kinematics(model, data)
-        down = data.xmat[body].reshape(3, 3).T @ model.opt.gravity
-        found[index] = np.arctan2(down @ second, down @ first)
-    found = np.unwrap(found)
+        pulls[index] = across @ data.xmat[body].reshape(3, 3).T @ model.opt.gravity
+    if np.hypot(*pulls.T).min() <= LEAST_ACROSS * np.linalg.norm(model.opt.gravity):
+        return none
+    found = np.unwrap(np.arctan2(pulls[:, 1], pulls[:, 0]))
     own = angles[:, robot.joints.index(joint)]
     apart = min(float(np.std(found - own)), float(np.std(found + own)))
-    return found if apart > OWN_ANGLE_RAD else np.zeros(count)
+    return found if apart > OWN_ANGLE_RAD else none

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -75,12 +76,16 @@ class EffectFile(BaseModel):
         if self.memory and self.knots[0] <= 0.0:
             raise ValueError("widths and times of a memory must be positive")
         if self.port == "reading":
-            slopes = np.diff(self.values) / np.diff(self.knots)
-            if self.over == "position" and np.abs(slopes).max() > STEEPEST_READING:
+            if self.over == "position" and steepest(self.knots, self.values) > STEEPEST_READING:
                 raise ValueError(f"a reading's slope beside the angle's own may be {STEEPEST_READING:g} at most")
             if self.over not in ("position", "neighbour", "time") or self.factor or self.memory:
                 raise ValueError("a reading depends on the joint's angle, a neighbour's, or the time")
         return self
+
+
+def steepest(knots: Sequence[float] | np.ndarray, values: Sequence[float] | np.ndarray) -> float:
+    """The largest slope of a curve with values (k,) at knots (k,), of either sign."""
+    return float(np.abs(np.diff(values) / np.diff(knots)).max())
 
 
 def folder() -> Path:
