@@ -17,6 +17,7 @@ __all__ = ["scene"]
 CONTROLLERS, ELSEWHERE = "/rh_trajectory_controller/follow_joint_trajectory", "/camera/look_around"
 
 
+@pytest.mark.slow
 def test_a_goal_of_a_controller_ends_the_motion_and_the_next_while_it_lasts(
     scene: Scene, peers: tuple[Peer, Peer]
 ) -> None:

@@ -30,6 +30,7 @@ def scene(twin: Twin, tmp_path: Path, state_dir: Path) -> Any:
     made.close()
 
 
+@pytest.mark.slow
 def test_the_diagnostics_count_down_and_anybody_cancels(
     scene: Scene, peers: tuple[Peer, Peer], state_dir: Path
 ) -> None:

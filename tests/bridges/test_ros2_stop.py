@@ -33,7 +33,11 @@ def stopped(twin: Twin, hand: str) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    ("kind", "works", "calls"), [("SetBool", True, [True]), ("Trigger", False, [None])], ids=["set-bool", "refused"]
+    ("kind", "works", "calls"),
+    [
+        pytest.param("SetBool", True, [True], id="set-bool", marks=pytest.mark.slow),
+        pytest.param("Trigger", False, [None], id="refused"),
+    ],
 )
 def test_the_service_is_called_and_its_answer_told(
     twin: Twin, tmp_path: Path, peers: tuple[Peer, Peer], kind: str, works: bool, calls: list[bool | None]

@@ -43,6 +43,7 @@ def yesterday(twin: TwinModel) -> tuple[TwinModel, dict[str, Remembered]]:
     return twin.changed(found.terms), known
 
 
+@pytest.mark.slow
 def test_offsets_that_only_their_sum_shows_are_not_made_up(
     twin: TwinModel, yesterday: tuple[TwinModel, dict[str, Remembered]]
 ) -> None:

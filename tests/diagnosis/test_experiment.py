@@ -52,6 +52,7 @@ def test_candidates_that_are_the_same_cannot_be_separated(twin: TwinModel, hand:
     assert apart == pytest.approx(0.02, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_an_ambiguous_verdict_gets_the_motion_that_separates_best(
     sound: Path, twin: TwinModel, hand: Hand, tmp_path: Path
 ) -> None:

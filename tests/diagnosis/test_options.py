@@ -45,6 +45,7 @@ class _Ending(TimeLimit):
         return self.ended
 
 
+@pytest.mark.slow
 def test_what_was_found_before_time_was_over_is_in_the_answer(misread: tuple[Path, Path], twin: TwinModel) -> None:
     fitted, held = (align(twin, load_recording(path)) for path in misread)
     limit = _Ending()

@@ -111,6 +111,7 @@ def test_a_cause_of_all_servos_is_the_first_step_of_the_ladder(late: tuple[str, 
     assert set(_delays(ladder["terms"])) == set(SERVOS)
 
 
+@pytest.mark.slow
 def test_a_bus_that_is_late_by_what_damping_could_nearly_do_is_named(tmp_path: Path) -> None:
     """Beside 2 mrad of noise damping, gain and delay, each within its prior, leave a floor and a half of 12 ms."""
     model, bag, other = changed_rig(tmp_path, "command_delay", {"delay": 0.012}, noise_rad=2e-3)

@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
 LEAKY = """
 import asyncio, socket, subprocess, sys, threading
@@ -32,6 +34,7 @@ def test_that_cleans_up():
 """
 
 
+@pytest.mark.slow
 def test_what_a_test_leaves_behind_fails_it_and_not_its_neighbour(tmp_path: Path) -> None:
     (tmp_path / "test_leaky.py").write_text(LEAKY, encoding="utf-8")
     command = [sys.executable, "-m", "pytest", "-p", "tests.conftest", "-p", "no:cacheprovider", "-q", str(tmp_path)]

@@ -144,8 +144,17 @@ def test_denied_commanders_get_nothing_through_and_are_written_down(scene: Scene
     assert not verify(scene.log).broken
 
 
-@pytest.mark.parametrize("signal_number", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "stopped"])
-@pytest.mark.parametrize("victim", ["commander", "daemon", "hand"])
+@pytest.mark.parametrize(
+    ("victim", "signal_number"),
+    [
+        pytest.param("commander", signal.SIGKILL, id="commander-killed"),
+        pytest.param("daemon", signal.SIGKILL, id="daemon-killed"),
+        pytest.param("daemon", signal.SIGSTOP, id="daemon-stopped"),
+        pytest.param("hand", signal.SIGKILL, id="hand-killed"),
+        pytest.param("commander", signal.SIGSTOP, id="commander-stopped", marks=pytest.mark.slow),
+        pytest.param("hand", signal.SIGSTOP, id="hand-stopped", marks=pytest.mark.slow),
+    ],
+)
 def test_whoever_dies_the_hand_comes_to_rest(
     scene: Scene, until: Any, victim: str, signal_number: signal.Signals
 ) -> None:
@@ -179,6 +188,7 @@ def _grows(scene: Scene, count: int) -> bool:
     return len(scene.sent) > count
 
 
+@pytest.mark.slow
 def test_a_calibration_run_drives_records_and_stores(scene: Scene, until: Any) -> None:
     until(lambda: scene.heard(), 20.0)
     code, out, err = scene.twin.run(
@@ -193,6 +203,7 @@ def test_a_calibration_run_drives_records_and_stores(scene: Scene, until: Any) -
     assert verbs == ["arm", "trajectory", "disarm"]
 
 
+@pytest.mark.slow
 def test_a_run_that_is_stopped_half_way_keeps_what_it_has(scene: Scene, state_dir: Path, until: Any) -> None:
     until(lambda: scene.heard(), 20.0)
     run = scene.twin.start("calibrate", "--run", "hand_closing", "--budget", "20", "--json", "-")
@@ -209,6 +220,7 @@ def test_a_run_that_is_stopped_half_way_keeps_what_it_has(scene: Scene, state_di
     assert "candidate" not in json.loads(scene.twin.run("versions", "list", "--json", "-")[1])["aliases"]
 
 
+@pytest.mark.slow
 def test_two_sessions_of_one_name_do_not_share_the_hand(scene: Scene, until: Any) -> None:
     """Each 'twin command' is a process of its own, and goes on with the lease of the one that armed."""
     holder = scene.armed(until)

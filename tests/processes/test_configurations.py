@@ -82,7 +82,7 @@ def test_all_that_is_documented_is_run_here(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "kind", [kind if kind in ("none", "certificate") else pytest.param(kind, marks=pytest.mark.slow) for kind in ACCESS]
+    "kind", [kind if kind == "certificate" else pytest.param(kind, marks=pytest.mark.slow) for kind in ACCESS]
 )
 def test_states_arrive_and_commands_reach_the_hand(
     kind: str, twin: Any, tmp_path: Path, state_dir: Path, until: Any

@@ -28,6 +28,7 @@ def scene(twin: Any, tmp_path: Path, state_dir: Path, until: Any) -> Iterator[Sc
     made.close()
 
 
+@pytest.mark.slow
 def test_blocked_finger_and_reversed_sensor_end_the_motion(scene: Scene, until: Any) -> None:
     until(lambda: scene.heard(), 20.0)
     assert scene.twin.run("command", "arm", "--reason", "a test")[0] == 0

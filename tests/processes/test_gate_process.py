@@ -48,6 +48,7 @@ def test_a_daemon_that_hangs_ends_the_motion_and_a_stop_is_taken_meanwhile(scene
     assert [entry["check"] for entry in entries_of(scene.log) if entry["verb"] == "trip"] == ["daemon"]
 
 
+@pytest.mark.slow
 def test_a_gate_that_dies_is_replaced_and_one_whose_daemon_dies_ends(scene: Scene, until: Any) -> None:
     commander = scene.armed(until)
     first = gate_of(scene)

@@ -7,6 +7,7 @@ import time
 from typing import Any
 
 import numpy as np
+import pytest
 import zenoh
 
 from bridges.zenoh.client import ask
@@ -120,6 +121,7 @@ def test_what_is_broken_is_counted_and_the_daemon_goes_on(twin: Any, until: Any)
     assert twin.end(daemon)[0] == 0
 
 
+@pytest.mark.slow
 def test_a_second_daemon_for_the_same_hand_says_so(twin: Any) -> None:
     daemon = twin.start("run")
     assert twin.query("version")["id"] == "nominal"

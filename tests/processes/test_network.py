@@ -88,6 +88,7 @@ def test_monitoring_reads_what_health_says(twin: Any, tmp_path: Path, until: Any
     assert [twin.end(process)[0] for process in (hand, daemon)] == [0, 0]
 
 
+@pytest.mark.slow
 def test_two_hands_in_one_network_do_not_hear_each_other(twin: Any, until: Any) -> None:
     daemons = [twin.start("run", "--namespace", name) for name in ("left", "right")]
     hand = twin.start("hand", "--namespace", "right")

@@ -39,6 +39,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_recording_played_before_the_daemon_starts_is_followed(twin: Any, recording: Path) -> None:
     player = twin.start("play", str(recording), "--json", "-")
     daemon = twin.start("run")
@@ -56,6 +57,7 @@ def test_a_recording_played_before_the_daemon_starts_is_followed(twin: Any, reco
     assert twin.end(daemon)[0] == 0
 
 
+@pytest.mark.slow
 def test_kept_stamps_and_a_second_round_are_followed(twin: Any, recording: Path) -> None:
     daemon = twin.start("run")
     for _ in range(2):

@@ -189,6 +189,7 @@ def test_what_makes_no_sense_is_refused(
     assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["r.mcap"]
 
 
+@pytest.mark.slow
 def test_with_nothing_to_keep_and_with_no_room_for_it_nothing_is_written(
     twin: Twin, tmp_path: Path, state_dir: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -223,6 +224,7 @@ def test_with_nothing_to_keep_and_with_no_room_for_it_nothing_is_written(
         assert code == 0, err
 
 
+@pytest.mark.slow
 def test_foxglove_sees_the_live_hand(live: Live) -> None:
     pytest.importorskip("foxglove", reason="the extra 'foxglove' is not installed")
     bridge = live.twin.start("bridge", "foxglove", "--port", "0")

@@ -45,6 +45,7 @@ def ended(scene: Any, until: Any, act: Any) -> str:
     return until(over, 20.0)
 
 
+@pytest.mark.slow
 def test_whoever_speaks_beside_hand_or_gate_ends_the_motion_and_is_named(moving: Any, until: Any) -> None:
     other = open_client(moving.twin.endpoint, 60.0)
     assert other is not None

@@ -10,6 +10,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+import pytest
 import yaml
 import zenoh
 
@@ -36,6 +37,7 @@ def heard(session: Any) -> bool:
     return ask(session, f"twin/{NS}/state", 60.0)["fresh_joints"] == 24
 
 
+@pytest.mark.slow
 def test_a_stop_says_that_somebody_else_moves_the_hand_on_and_believes_the_gate_alone(
     twin: Any, tmp_path: Path, state_dir: Path, until: Any
 ) -> None:
@@ -126,6 +128,7 @@ def test_a_stop_brings_the_gates_own_motion_to_rest_and_says_so(twin: Any, tmp_p
         assert "no commands of this gate were under way" in " ".join(out.lower().split())
 
 
+@pytest.mark.slow
 def test_the_drivers_own_stop_is_called_and_the_hand_rests(twin: Any, tmp_path: Path, until: Any) -> None:
     shutil.copytree(models_dir() / NS, tmp_path / "models", symlinks=False)
     described = yaml.safe_load((tmp_path / "models" / "hand.yaml").read_text())
@@ -145,6 +148,7 @@ def test_the_drivers_own_stop_is_called_and_the_hand_rests(twin: Any, tmp_path: 
         assert report["driver_stop"] == {"what": "key driver/halt", "done": True, "why": None}
 
 
+@pytest.mark.slow
 def test_a_stop_outlives_the_daemon_and_a_run_that_is_due_does_not_move_the_hand(
     twin: Any, tmp_path: Path, state_dir: Path, until: Any
 ) -> None:

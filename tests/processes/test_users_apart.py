@@ -109,6 +109,7 @@ def units() -> Iterator[Units]:
     shutil.rmtree(base)
 
 
+@pytest.mark.slow
 def test_code_in_the_workbench_sees_what_was_recorded_and_commands_nothing(units: Units, until: Any) -> None:
     units.twin(SERVICE, "run")
     units.twin(SERVICE, "hand", "--trajectory", "rich_finger")

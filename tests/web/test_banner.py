@@ -6,6 +6,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+import pytest
 import yaml
 
 from bridges.zenoh.client import ask
@@ -21,6 +22,7 @@ SHOWN = "!document.getElementById('automatic').hidden"
 WORDS = "document.getElementById('automatic-words').textContent"
 
 
+@pytest.mark.slow
 def test_the_page_counts_down_and_its_button_cancels(
     workbench: Any, processes: Twin, browser: Browser, tmp_path: Path, state_dir: Path
 ) -> None:

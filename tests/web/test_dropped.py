@@ -51,6 +51,7 @@ def test_a_bag_that_is_dropped_is_open_with_its_worst_joint(workbench: Any, brow
     assert viewer.console == []
 
 
+@pytest.mark.slow
 def test_the_keyboard_alone_reaches_joints_panels_steps_and_moments(
     workbench: Any, browser: Browser, tmp_path: Path
 ) -> None:

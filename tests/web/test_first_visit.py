@@ -76,6 +76,7 @@ def test_firefox_gets_there(workbench: Any, fox: Firefox, tmp_path: Path) -> Non
     assert found.clicks <= MOST_CLICKS
 
 
+@pytest.mark.slow
 def test_firefox_shows_a_recording_as_chromium_does(workbench: Any, fox: Firefox, tmp_path: Path) -> None:
     bag = loose_finger(tmp_path / "loose_finger.mcap")
     tab = fox.open(workbench("--recording", str(bag)).page)

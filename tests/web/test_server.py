@@ -86,6 +86,7 @@ def test_what_cannot_be_is_one_line(served: Any, processes: Twin) -> None:
     assert "--port" in err
 
 
+@pytest.mark.slow
 def test_the_stream_tells_hand_and_twin_and_who_is_away(workbench: Any, processes: Twin) -> None:
     served = workbench()
     with connect(f"ws://{served.host}/live", max_size=None) as stream:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from tests.simulation.made import worn_finger
 from tests.web.browser import Browser
@@ -129,6 +130,7 @@ def marks_and_history(tab: Tab) -> None:
     tab.until("!document.querySelector('[data-untag=worn]')", 60.0)
 
 
+@pytest.mark.slow
 def test_the_tools_of_the_page(workbench: Any, browser: Browser, tmp_path: Path, state_dir: Path) -> None:
     hand = load_hand()
     twin = TwinModel.load(hand)

@@ -21,6 +21,7 @@ ADVICE = {
     "damping": "move at two clearly different speeds",
     "tendon_damping": "move at two clearly different speeds",
     "frictionloss": "add small slow reversals",
+    "friction_softness": "hold still where friction keeps the joint from its target",
     "tendon_frictionloss": "add small slow reversals of the coupled pair",
     "armature": "add steps, so that the joint accelerates hard",
     "stiffness": "hold at several angles over the range",
