@@ -14,8 +14,8 @@ from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
 
 FIELDS = (
-    "dof_damping", "dof_frictionloss", "dof_solimp", "dof_armature", "dof_M0", "dof_invweight0", "jnt_stiffness", "jnt_range",
-    "qpos_spring", "actuator_gainprm", "actuator_biasprm", "tendon_damping", "tendon_frictionloss", "body_mass",
+    "dof_damping", "dof_frictionloss", "dof_solimp", "dof_armature", "dof_M0", "dof_invweight0", "jnt_stiffness",
+    "jnt_range", "qpos_spring", "actuator_gainprm", "actuator_biasprm", "tendon_damping", "tendon_frictionloss", "body_mass",
     "body_inertia", "body_ipos", "body_iquat", "body_subtreemass", "body_invweight0",
 )  # fmt: skip
 

@@ -273,7 +273,7 @@ KINDS: dict[str, ParameterKind] = {
 """Every kind of parameter by its key.
 
 `preload` is the spring's torque at angle 0; `inertia` is the sum of the three principal moments. `friction_softness` is
-(1 - d) / d of the impedance d with which MuJoCo solves for dry friction: a joint that friction holds under a load creeps
-in proportion (MuJoCo's documentation, Computation, Friction loss). Where a model says nothing it is 0.11, which gives
-way within a second; real dry friction stays.
+(1 - d) / d of the impedance d with which MuJoCo solves for dry friction: a joint that friction holds under a load
+creeps in proportion (MuJoCo's documentation, Computation, Friction loss). Where a model says nothing it is 0.11, which
+gives way within a second; real dry friction stays.
 """
