@@ -15,8 +15,8 @@ from twin_daemon.simulation.twin import TwinModel
 
 FIELDS = (
     "dof_damping", "dof_frictionloss", "dof_solimp", "dof_armature", "dof_M0", "dof_invweight0", "jnt_stiffness",
-    "jnt_range", "qpos_spring", "actuator_gainprm", "actuator_biasprm", "tendon_damping", "tendon_frictionloss", "body_mass",
-    "body_inertia", "body_ipos", "body_iquat", "body_subtreemass", "body_invweight0",
+    "jnt_range", "qpos_spring", "actuator_gainprm", "actuator_biasprm", "tendon_damping", "tendon_frictionloss",
+    "body_mass", "body_inertia", "body_ipos", "body_iquat", "body_subtreemass", "body_invweight0",
 )  # fmt: skip
 
 
