@@ -112,3 +112,19 @@ def test_a_tendon_without_a_name_goes_along(tmp_path: Path) -> None:
     )
     whole = TwinModel.load(load_hand(model=path))
     assert submodel(whole, ("middle", "tip"), np.zeros(3)).model.ntendon == 1
+
+
+def test_a_value_of_a_joint_that_is_gone_goes_though_a_body_bears_its_name(tmp_path: Path) -> None:
+    link = '<body name="{1}" pos="0.1 0 0"><joint name="{0}" axis="0 1 0"/><geom size="0.02" mass="0.1"/>'
+    path = tmp_path / "named.xml"
+    path.write_text(
+        f'<mujoco model="named"><worldbody>{link.format("roll", "gripper")}{link.format("gripper", "jaw")}'
+        '</body></body></worldbody><actuator><position name="roll" joint="roll" kp="5"/><position name="gripper" joint="gripper"'
+        ' kp="5"/></actuator></mujoco>'
+    )
+    twin = TwinModel.load(load_hand(model=path))
+    changed = twin.changed(
+        Terms(parameters={"gripper.kp": 3.0, "gripper.damping": 0.1, "gripper.mass": 0.2, "roll.kp": 4.0})
+    )
+    part = submodel(changed, ("roll",), np.zeros(2))
+    assert part.terms.parameters == {"gripper.mass": 0.2, "roll.kp": 4.0}

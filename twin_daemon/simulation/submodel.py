@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import connected_components
 
 from twin_daemon.effects.edits import keep_softness
 from twin_daemon.hand.description import Hand
+from twin_daemon.simulation.parameters import KINDS
 from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel, driven_joints, make_inertia_explicit
 
@@ -125,9 +126,15 @@ def submodel(twin: TwinModel, keep: tuple[str, ...], position: np.ndarray, *, co
     reduced = _without_terms(twin, keep, position, contacts)
     names = {reduced.place(n).target for n in (*reduced.joints, *reduced.actuators)}
     bodies = {reduced.model.body(i).name for i in range(1, reduced.model.nbody)}
-    parameters = {n: v for n, v in twin.terms.parameters.items() if n.rpartition(".")[0] in names | bodies}
+    parameters = {n: v for n, v in twin.terms.parameters.items() if _is_there(n, names, bodies)}
     effects = tuple(t for t in twin.terms.effects if t.target in names or t.target == "hand")
     return reduced.changed(Terms(parameters=parameters, effects=effects))
+
+
+def _is_there(parameter: str, names: Collection[str], bodies: Collection[str]) -> bool:
+    """Whether a parameter's joint, command or body is; a joint and the body of another one may share a name."""
+    target, _, kind = parameter.rpartition(".")
+    return target in (bodies if KINDS[kind].element == "body" else names)
 
 
 def _without_terms(twin: TwinModel, keep: tuple[str, ...], position: np.ndarray, contacts: bool) -> TwinModel:
