@@ -119,8 +119,8 @@ def test_a_value_of_a_joint_that_is_gone_goes_though_a_body_bears_its_name(tmp_p
     path = tmp_path / "named.xml"
     path.write_text(
         f'<mujoco model="named"><worldbody>{link.format("roll", "gripper")}{link.format("gripper", "jaw")}'
-        '</body></body></worldbody><actuator><position name="roll" joint="roll" kp="5"/><position name="gripper" joint="gripper"'
-        ' kp="5"/></actuator></mujoco>'
+        '</body></body></worldbody><actuator><position name="roll" joint="roll" kp="5"/>'
+        '<position name="gripper" joint="gripper" kp="5"/></actuator></mujoco>'
     )
     twin = TwinModel.load(load_hand(model=path))
     changed = twin.changed(
