@@ -44,3 +44,20 @@ def test_what_jitter_leaves_of_the_fastest_piece_is_in_the_floor(
     ]
     left = float(np.mean(np.concatenate(errors) ** 2))
     assert left / 2.0 < floor < 2.0 * left
+
+
+def test_a_coarse_sensor_that_mostly_rests_on_one_count_is_not_exact(tmp_path: Path, rng: np.random.Generator) -> None:
+    count_rad = 2.0 * np.pi / 4096
+    twin = TwinModel.load(load_hand(model=rig_model(tmp_path)))
+    motion: Motion = {"left": ([0.0, 6.0], [0.0, 0.3])}
+    piece = align(twin, recorded(twin, motion, rng, seconds=6.0))
+    column = piece.joints.index("left")
+
+    def read(angle: np.ndarray) -> Aligned:
+        measured = piece.measured.copy()
+        measured[:, column] = count_rad * np.round(angle / count_rad)
+        return replace(piece, measured=measured)
+
+    moving, still = read(0.2 * np.sin(piece.time_s)), read(np.full(len(piece.time_s), 0.3))
+    (floor,) = floor_variance([still, moving, still, still], ["left"])
+    assert 0.99 * count_rad**2 / 12.0 < floor < 4.0 * count_rad**2 / 12.0

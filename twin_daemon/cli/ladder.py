@@ -23,6 +23,10 @@ def command(
     recording: options.Recordings,
     holdout: options.Holdouts = None,
     max_steps: Annotated[int, typer.Option("--max-steps", metavar="N", min=0, help="At most so many effects.")] = 6,
+    within: Annotated[
+        float,
+        typer.Option("--within", metavar="S", min=1.0, help="Look for effects no longer than this; fit what is found."),
+    ] = 400.0,
     plot: Annotated[Path | None, typer.Option("--plot", metavar="FILE.html", help="Draw the error by step.")] = None,
     seed: options.Seed = 0,
     hand: options.HandName = None,
@@ -41,7 +45,7 @@ def command(
     require_folder(json, plot)
     session = open_session(hand, model, version=version, terms=terms, joint_map=joint_map)
     whole = session.recordings(recording, trajectory)
-    payload, ladder = laddered(session, whole, holdout, trajectory, max_steps, seed, cluster)
+    payload, ladder = laddered(session, whole, holdout, trajectory, max_steps, seed, cluster, within)
     if plot is not None:
         from twin_daemon.figures.ladder import ladder_figure
         from twin_daemon.figures.style import write_page

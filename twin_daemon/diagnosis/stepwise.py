@@ -53,6 +53,7 @@ class Ladder:
     refused: list[str] = field(default_factory=list)
     parameters_alone: tuple[float | None, float | None] = (None, None)
     interrupted: bool = False
+    ended_early: bool = False
     parameters: dict[str, Estimate] = field(default_factory=dict)
 
     @property
@@ -83,6 +84,7 @@ def stepwise(
     max_steps: int,
     whole: Sequence[Aligned] = (),
     limit: TimeLimit | None = None,
+    within_s: float | None = None,
     seed: int = 0,
     say: Say | None = None,
 ) -> Ladder:
@@ -92,9 +94,11 @@ def stepwise(
     the model's own parameters of its part are refitted under their priors; what these alone would do, without any
     effect, is `parameters_alone`. Where `holdout` was cut out of the same recordings, these are `whole`: in the end
     the values are fitted to all of them, and nothing is left to judge that by. Ctrl-C ends it; the steps done are in
-    the answer. Once `limit` is over nothing is looked at any more; what has been found until then is added.
+    the answer. Once `limit` is over nothing is looked at any more; what has been found until then is added. After
+    `within_s` nothing is looked at either, but all values are fitted to the end.
     """
-    run = _Stepwise(twin, train, holdout, limit or TimeLimit(), seed, say or (lambda _: None))
+    limits = limit or TimeLimit(), TimeLimit(wall_s=within_s)
+    run = _Stepwise(twin, train, holdout, limits, seed, say or (lambda _: None))
     try:
         run.begin()
         while run.ladder.added < max_steps and run.may_add and run.step_on():
@@ -113,12 +117,12 @@ class _Stepwise:
         twin: TwinModel,
         train: Sequence[Aligned],
         holdout: Sequence[Aligned],
-        limit: TimeLimit,
+        limits: tuple[TimeLimit, TimeLimit],
         seed: int,
         say: Say,
     ) -> None:
         self._first, self._train, self._holdout, self._seed, self._say = twin, train, holdout, seed, say
-        self.limit = limit
+        self._limit, self._looks = limits
         self.ladder = Ladder(twin, [self._step(None, {}, twin)])
         self._parts: dict[str, Diagnosis] = {}
         self._changed: set[str] = set()
@@ -127,14 +131,21 @@ class _Stepwise:
     @property
     def may_add(self) -> bool:
         """Whether there is time for an effect; for the first one there always is."""
-        return not self.limit.over() or not self.ladder.added
+        return not self._limit.over() or not self.ladder.added
+
+    @property
+    def _may_look(self) -> bool:
+        """Whether there is time for a look; where there is none, the answer says that it ended early."""
+        over = self._limit.over() or self._looks.over()
+        self.ladder.ended_early |= over
+        return not over
 
     def begin(self) -> None:
         """The first look, at what all parts feel alike before each of them, and what parameters alone would do."""
         if not self._look_at_robot():
             self._look(None)
         self._at_first = dict(self._parts)
-        if not self.limit.over() and self.ladder.steps[0].verdict not in ("not_excited", "within_noise"):
+        if self._may_look and self.ladder.steps[0].verdict not in ("not_excited", "within_noise"):
             twin = self._first
             alone = twin.changed(twin.terms.with_parameters(refit_parameters(twin, self._train)))
             self.ladder.parameters_alone = (mean_error(alone, self._train), mean_error(alone, self._holdout))
@@ -143,7 +154,7 @@ class _Stepwise:
         """One thing more: an effect, values fitted together, a look at what changed. False where nothing is left."""
         part, finding = self._strongest()
         if finding is None:
-            if not self._changed:
+            if not self._changed or not self._may_look:
                 return False
             if len(self._changed) == 1 or not self._fitted_together():
                 self._look(set(self._changed))
@@ -165,7 +176,7 @@ class _Stepwise:
             self.ladder.refused.append(finding.name)
             return True
         self.ladder.twin = twin
-        self._parts[part] = _with_its_finding(self._parts[part])
+        self._parts[part] = _with_its_finding(self._parts[part], finding)
         self._changed.add(part)
         self.ladder.steps.append(self._judged(step))
         if part == ROBOT or finding.target == HAND:
@@ -177,7 +188,7 @@ class _Stepwise:
         ladder = self.ladder
         if self._changed:
             self._look(set(self._changed))
-        if not self.limit.over() and ladder.added and ladder.steps[-1].verdict == "unexplained":
+        if not self._limit.over() and ladder.added and ladder.steps[-1].verdict == "unexplained":
             self._fitted_together()
         if self._worse_than_raw():
             ladder.take_back(self._first)
@@ -220,12 +231,12 @@ class _Stepwise:
             seed=self._seed,
             stream=say,
             most_effects=most_effects,
-            limit=self.limit,
+            limit=self._limit if self._looks.endless else self._looks,
         )
 
     def _finished(self, found: Diagnosis) -> Diagnosis:
         """What a diagnosis found. Raises KeyboardInterrupt where it was interrupted."""
-        if found.interrupted and not self.limit.over():
+        if found.interrupted and self._may_look:
             raise KeyboardInterrupt
         return found
 
@@ -236,7 +247,7 @@ class _Stepwise:
         asked = [name for name, own in cut.items() if own and (only is None or name in only)]
 
         def looked_at(name: str, say: Say) -> Diagnosis | None:
-            if self.limit.over() and (self._parts or name != asked[0]):
+            if not self._may_look and (self._parts or name != asked[0]):
                 return None
             return self._diagnosed(cut[name], 1, say)
 
@@ -347,10 +358,14 @@ class _Stepwise:
         )
 
 
-def _with_its_finding(part: Diagnosis) -> Diagnosis:
-    """What a diagnosis of a part said of it with its finding, until the part is looked at again."""
-    settled = part.verdict in ("explained", "ambiguous")
-    return part.model_copy(update={"findings": (), "verdict": "within_noise" if settled else part.verdict})
+def _with_its_finding(part: Diagnosis, finding: Finding) -> Diagnosis:
+    """What a diagnosis of a part said of it with one of its findings, until the part is looked at again.
+
+    What it found at other joints stays true.
+    """
+    left = tuple(other for other in part.findings if not set(other.joints) & set(finding.joints))
+    settled = not left and part.verdict in ("explained", "ambiguous")
+    return part.model_copy(update={"findings": left, "verdict": "within_noise" if settled else part.verdict})
 
 
 def _finite(value: float | None) -> float | None:

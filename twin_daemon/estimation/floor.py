@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from twin_daemon.comparison.noise import noise_variance
+from twin_daemon.comparison.noise import noise_variance, resolution
 from twin_daemon.estimation.thresholds import LEAST_NOISE_RAD, SPEED_SAMPLES
 from twin_daemon.simulation.alignment import Aligned
 
@@ -16,11 +16,22 @@ def floor_variance(recordings: Sequence[Aligned], joints: Sequence[str]) -> np.n
     noise, jitter = [], []
     for joint in joints:
         columns = [(r.time_s, r.measured[:, r.joints.index(joint)]) for r in recordings]
-        noise.append(float(np.median([noise_variance(values) for _, values in columns])))
+        noise.append(_reading_variance([values for _, values in columns]))
         # of the fastest piece no less than its share: a mean of squares is what it is compared with
         samples = [len(time_s) for time_s, _ in columns]
         jitter.append(float(np.average([_jitter_variance(*column) for column in columns], weights=samples)))
     return np.maximum(np.add(noise, jitter), LEAST_NOISE_RAD**2)
+
+
+def _reading_variance(pieces: Sequence[np.ndarray]) -> float:
+    """rad^2: noise and resolution of a sensor, from its readings (n,) in each piece.
+
+    A piece in which a coarse sensor rests on one count says nothing of either, so that the counts of all are compared.
+    """
+    known = [values[np.isfinite(values)] for values in pieces]
+    count = resolution(np.concatenate(known))
+    telling = [values for values in known if values.size and values.min() < values.max()] or known
+    return max(float(np.median([noise_variance(values) for values in telling])), count**2 / 12.0)
 
 
 def _jitter_variance(time_s: np.ndarray, values: np.ndarray) -> float:

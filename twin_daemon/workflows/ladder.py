@@ -26,6 +26,7 @@ def laddered(
     max_steps: int,
     seed: int,
     cluster: str | None = None,
+    within_s: float | None = None,
 ) -> tuple[dict[str, Any], Ladder]:
     """(what the command writes, the same as values); the version is stored."""
     from twin_daemon.diagnosis.stepwise import stepwise
@@ -35,8 +36,17 @@ def laddered(
     began = time.perf_counter()
     with on_cluster(cluster), streaming() as say:
         ladder = stepwise(
-            session.twin, train, held, max_steps=max_steps, whole=() if holdout else whole, seed=seed, say=say
+            session.twin,
+            train,
+            held,
+            max_steps=max_steps,
+            whole=() if holdout else whole,
+            within_s=within_s,
+            seed=seed,
+            say=say,
         )
+    if ladder.ended_early and within_s is not None:
+        notes.append(f"looking for effects ended after {within_s:g} s: give it more time (--within) to look on")
     payload = {**_payload(session, ladder, train, held), "notes": notes, "seed": seed}
     payload["version"], payload["candidate"] = _store(session, ladder, payload, train, held, seed)
     payload["wall_s"] = time.perf_counter() - began
