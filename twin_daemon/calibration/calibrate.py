@@ -15,7 +15,7 @@ from twin_daemon.estimation.estimate import Correlated, Estimate
 from twin_daemon.estimation.solvers import DESCENTS, SEARCHES, Search
 from twin_daemon.estimation.solvers.least_squares import descend
 from twin_daemon.estimation.solvers.tracker import Progress, Tracker
-from twin_daemon.estimation.subproblems import PartwiseSearch, SubProblem, reduced_problems
+from twin_daemon.estimation.subproblems import PartwiseSearch, SubProblem, group_problems, reduced_problems
 from twin_daemon.estimation.thresholds import (
     POLISH_ITERATIONS,
     POLISH_SHARE,
@@ -106,7 +106,17 @@ def calibrate(
 
     interrupted = False
     try:
-        for stage, evaluations, time_s in _stages(search, train, budget, seconds):
+        grouped = group_problems(
+            start, excerpts(aligned), variables, objective, prior_weight=space.anchor_rad
+        ) if search in DESCENTS else []  # fmt: skip
+        for stage, evaluations, time_s in _stages(search, train, budget, seconds, polished=bool(grouped)):
+            if grouped:
+                problems, grouped = grouped, []
+                try:
+                    found.run(problems, stage, evaluations, seed, time_s)
+                finally:
+                    found.history = [before] * len(found.history)  # of the whole nothing better is known
+                continue
             if found.units:
                 aligned = judged(current(), train, objective)[1]
             descends = search in DESCENTS
@@ -130,6 +140,8 @@ def calibrate(
         # searched were excerpts of parts, with onsets as they were: what was best there need not be best of all
         fitted, after, aligned = start, before, began_aligned
         found.units = {}
+    if found.history and after < found.history[-1]:
+        found.history[-1] = after  # a search joint by joint that was interrupted knows nothing of the whole
     parameters, correlations = _fitted(problems, found.units)
     searched = {variable.name for sub in problems for variable in sub.problem.variables}
     return Calibration(
@@ -153,13 +165,14 @@ def calibrate(
 
 
 def _stages(
-    search: str, train: Sequence[Aligned], budget: int | None, seconds: float | None
+    search: str, train: Sequence[Aligned], budget: int | None, seconds: float | None, *, polished: bool
 ) -> list[tuple[Search, int | None, float | None]]:
     """The searches to run, each with its budget and its time.
 
-    An estimated onset depends on the parameters and they on it: search, align anew, polish.
+    An estimated onset depends on the parameters and they on it: search, align anew, polish. What was searched joint by
+    joint is `polished` as well, with all joints of a part in one roll-out.
     """
-    if search not in DESCENTS or not any(r.onset_free for r in train):
+    if search not in DESCENTS or not (polished or any(r.onset_free for r in train)):
         return [(SEARCHES[search], budget, seconds)]
     last = None if budget is None else int(POLISH_SHARE * budget)
     if last == 0:

@@ -188,7 +188,8 @@ class _Stepwise:
         ladder = self.ladder
         if self._changed:
             self._look(set(self._changed))
-        if not self._limit.over() and ladder.added and ladder.steps[-1].verdict == "unexplained":
+        given = ladder.added or ladder.ended_early  # values alone, where there was no time to find anything
+        if not self._limit.over() and given and ladder.steps[-1].verdict == "unexplained":
             self._fitted_together()
         if self._worse_than_raw():
             ladder.take_back(self._first)
@@ -212,9 +213,15 @@ class _Stepwise:
     # -- diagnosis -----------------------------------------------------------------------------------------
 
     def _look_at_robot(self) -> bool:
-        """Whether one cause explains all that several groups of joints leave; no part is then looked at before."""
+        """Whether one cause explains all that several groups of joints leave; no part is then looked at before.
+
+        Where all that moves is one part, a look at that asks the same.
+        """
         moving = set(moving_joints(self._train))
-        if sum(bool(moving & set(group.joints)) for group in drive_groups(self._first)) < 2:
+        groups, branches = (
+            sum(bool(moving & set(each.joints)) for each in cut(self._first)) for cut in (drive_groups, parts)
+        )
+        if groups < 2 or branches < 2:
             return False
         found = self._finished(self._diagnosed(None, 0, self._say))
         if found.findings:

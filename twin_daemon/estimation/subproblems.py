@@ -22,7 +22,7 @@ from twin_daemon.executor import places, side_by_side
 from twin_daemon.processes import Say
 from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.contacts import touching_parts
-from twin_daemon.simulation.submodel import Part, parts, submodel, with_coupled
+from twin_daemon.simulation.submodel import Part, drive_groups, parts, submodel, with_coupled
 from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
 
@@ -81,10 +81,8 @@ def reduced_problems(
     contacts = any(touching(twin, r) for r in recordings)
     onsets = [i for i, r in enumerate(recordings) if r.onset_free] if free_onsets else []
     found = parts(twin)
-    groups = [(p, [v for v in variables if set(v.joints) <= set(p.joints)]) for p in found]
-    split = separable and sum(len(own) for _, own in groups) == len(variables)
-    shares = [_Share(p, own, [j for j in objective if j in p.joints], len(objective)) for p, own in groups]
-    shares = [share for share in shares if share.variables and share.joints]
+    shares, all_of_them = _shared_out(found, variables, objective)
+    split = separable and all_of_them
     if split and contacts and not any(r.onset_free for r in recordings):
         out = _clear_problems(twin, recordings, shares, prior_weight)
         if out:
@@ -103,6 +101,40 @@ def reduced_problems(
         moved = [*share.variables, *_onset_variables(onsets, share.joints[0])]
         out.append(_sub(twin, recordings, moved, share.joints, keep, contacts, share.weight, prior_weight))
     return out
+
+
+def group_problems(
+    twin: TwinModel,
+    recordings: Sequence[Aligned],
+    variables: Sequence[Variable],
+    objective: Sequence[str],
+    *,
+    prior_weight: float = 0.0,
+) -> list[SubProblem]:
+    """One sub-problem for each group of joints that one servo moves, while all others follow their measured motion.
+
+    A roll-out of one costs a fraction of a chain's, and what is wrong at one joint does not bend what is fitted at the
+    next. Empty where that is no smaller than the parts, where variables tie groups together, where one has too little
+    motion that is clear of contacts, and where an onset is not known, of which pieces of a recording know nothing.
+    """
+    if any(r.onset_free for r in recordings):
+        return []
+    shares, all_of_them = _shared_out(drive_groups(twin), variables, objective)
+    larger, _ = _shared_out(parts(twin), variables, objective)
+    if not all_of_them or len(shares) <= len(larger):
+        return []
+    found = _clear_problems(twin, recordings, shares, prior_weight)
+    return found if len(found) == len(shares) else []
+
+
+def _shared_out(
+    found: Sequence[Part], variables: Sequence[Variable], objective: Sequence[str]
+) -> tuple[list[_Share], bool]:
+    """What each part has of a problem, where it has anything; whether every variable is one part's alone."""
+    groups = [(p, [v for v in variables if set(v.joints) <= set(p.joints)]) for p in found]
+    shares = [_Share(p, own, [j for j in objective if j in p.joints], len(objective)) for p, own in groups]
+    every = sum(len(own) for _, own in groups) == len(variables)
+    return [share for share in shares if share.variables and share.joints], every
 
 
 @dataclass(frozen=True)
