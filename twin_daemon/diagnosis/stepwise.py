@@ -328,13 +328,14 @@ class _Stepwise:
         """All values fitted at once, the model's own from where the steps have left them and from where they were.
 
         What they have come to beside one effect may be a dead end beside all of them: the better on fitted motion
-        counts.
+        counts. Where the time for looks is over there is one fit of few starts.
         """
         reached, effects = self.ladder.twin, self.ladder.twin.terms.effects
+        search = "least-squares" if self.ladder.ended_early else "multi-start"
         found: list[Calibration] = []
         for twin in (reached, reached.changed(self._first.terms.model_copy(update={"effects": effects}))):
-            if not (found and (found[0].interrupted or twin.terms == reached.terms)):
-                found.append(calibrate(twin, train, holdout, load_space(_TOGETHER), "multi-start", seed=self._seed))
+            if not (found and (self.ladder.ended_early or found[0].interrupted or twin.terms == reached.terms)):
+                found.append(calibrate(twin, train, holdout, load_space(_TOGETHER), search, seed=self._seed))
         return replace(min(found, key=lambda one: one.after_rad2), interrupted=found[-1].interrupted)
 
     def _worse_than_raw(self) -> bool:

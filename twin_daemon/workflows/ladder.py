@@ -85,9 +85,9 @@ def _payload(session: Session, ladder: Ladder, train: list[Aligned], held: list[
 def _store(
     session: Session, ladder: Ladder, payload: dict[str, Any], train: list[Aligned], held: list[Aligned], seed: int
 ) -> tuple[str | None, bool]:
-    """(the version with all effects, whether it is the candidate); where none was added the one at the start."""
-    added = [step for step in ladder.steps if step.effect is not None]
-    if not added:
+    """(the version with all effects, whether it is the candidate); where nothing has changed the one at the start."""
+    added = [f"{step.effect} at {step.target}" for step in ladder.steps if step.effect is not None]
+    if len(ladder.steps) < 2:
         return session.version, False
     first, last, judged = ladder.steps[0], ladder.steps[-1], ladder.last_judged
     errors = {
@@ -97,7 +97,8 @@ def _store(
         "holdout_after": {"mse_rad2": judged.holdout_mse_rad2},
     }
     fitted = {"parameters": payload["parameters"]}
-    title = "ladder: " + ", ".join(f"{step.effect} at {step.target}" for step in added)
-    draft = draft_of(session, ladder.twin, "effect_added", title, {**errors, "seed": seed, **fitted}, train, held)
+    title = "ladder: " + (", ".join(added) or "values alone")
+    kind = "effect_added" if added else "calibrated"
+    draft = draft_of(session, ladder.twin, kind, title, {**errors, "seed": seed, **fitted}, train, held)
     stored = session.store.propose(draft, ladder.twin.mjcf())
     return stored.version.id, stored.candidate
