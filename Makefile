@@ -30,7 +30,7 @@ test:  ## style, types, layers and the tests of some seconds each; ROS 2 among t
 	@$(MAKE) --no-print-directory lint
 	@$(PYTEST) -m "not slow"
 
-proof:  ## the tests that `make test` leaves out: whole stories, long diagnoses, the tutorial (some fifteen minutes)
+proof:  ## the tests that `make test` leaves out: whole stories, long diagnoses, the tutorial (half an hour)
 	@bash tools/setup.sh $(ROS)
 	@$(PYTEST) -m slow
 

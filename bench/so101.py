@@ -1,8 +1,9 @@
 """A real arm, fitted on five motions of its eleven that `twin check` would choose, judged on the six others.
 
-    python -m bench.so101 [--seconds 400] [--joints elbow_flex ...] [--choose]
+    python -m bench.so101 [--values | --seconds 400 --joints elbow_flex ...] [--choose]
 
-Each joint is diagnosed alone, every motion held out in turn; what is found is added as it is. Free roll-outs of the six
+With `--values` the values of the physical space are fitted and nothing else. Otherwise each joint is diagnosed alone,
+every motion held out in turn, and what is found is added as it is. Free roll-outs of the six
 others are compared with the nominal model's: error against nominal by motion, the worst joint, and what of the motion
 is outside of the region of the five. `--choose` computes the choice anew (some 80 s of processor time).
 """
@@ -14,6 +15,7 @@ import time
 from pathlib import Path
 
 from bench.frame import LeftOut
+from twin_daemon.calibration.calibrate import calibrate
 from twin_daemon.calibration.motion_choice import information_of, most_informative
 from twin_daemon.calibration.spaces import load_space
 from twin_daemon.comparison.compare import compare_recording, mean_over_moving
@@ -72,12 +74,16 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=400.0, help="at most for each joint")
     parser.add_argument("--joints", nargs="+", default=list(LOADED))
     parser.add_argument("--choose", action="store_true")
+    parser.add_argument("--values", action="store_true")
     given = parser.parse_args()
     silence_mujoco()
     twin, motions = arm()
     five = chosen(twin, motions) if given.choose else FIVE
     train = [motions[name] for name in five]
-    changed = fitted(twin, train, given.joints, given.seconds)
+    if given.values:
+        changed = twin.changed(calibrate(twin, train, [], load_space("physical"), "least-squares").terms)
+    else:
+        changed = fitted(twin, train, given.joints, given.seconds)
     region = region_of(changed, train)
     assert region is not None
     for name, motion in motions.items():

@@ -39,6 +39,21 @@ def test_the_error_falls_until_nothing_is_left(misread: tuple[Path, Path], tmp_p
     assert '<script src="http' not in html
 
 
+def test_where_time_is_over_values_are_fitted_and_stored(
+    misread: tuple[Path, Path], tmp_path: Path, state_dir: Path
+) -> None:
+    fitted, held = map(str, misread)
+    result = called(
+        "ladder", "--recording", fitted, "--holdout", held, "--within", "1", result=tmp_path / "ladder.json"
+    )  # fmt: skip
+    start, together = result["steps"]
+    assert (start["effect"], together["effect"], together["together"]) == (None, None, True)
+    assert together["holdout_mse_rad2"] < start["holdout_mse_rad2"]
+    assert result["verdict"] == "unexplained"
+    assert any("--within" in note for note in result["notes"])
+    assert VersionStore("shadow_hand").get(result["version"]).kind == "calibrated"
+
+
 def test_nothing_is_added_to_a_sound_hand(sound: Path, tmp_path: Path, state_dir: Path) -> None:
     result = called("ladder", "--recording", str(sound), result=tmp_path / "ladder.json")
     assert [step["effect"] for step in result["steps"]] == [None]
