@@ -176,7 +176,7 @@ class _Stepwise:
             self.ladder.refused.append(finding.name)
             return True
         self.ladder.twin = twin
-        self._parts[part] = _with_its_finding(self._parts[part], finding)
+        self._parts[part] = _with_its_finding(self._parts[part], () if self._may_look else finding.joints)
         self._changed.add(part)
         self.ladder.steps.append(self._judged(step))
         if part == ROBOT or finding.target == HAND:
@@ -366,12 +366,12 @@ class _Stepwise:
         )
 
 
-def _with_its_finding(part: Diagnosis, finding: Finding) -> Diagnosis:
+def _with_its_finding(part: Diagnosis, joints: Collection[str]) -> Diagnosis:
     """What a diagnosis of a part said of it with one of its findings, until the part is looked at again.
 
-    What it found at other joints stays true.
+    Where that will not be, as these are the finding's `joints`, what it found at other ones is all that there is.
     """
-    left = tuple(other for other in part.findings if not set(other.joints) & set(finding.joints))
+    left = tuple(other for other in part.findings if joints and not set(other.joints) & set(joints))
     settled = not left and part.verdict in ("explained", "ambiguous")
     return part.model_copy(update={"findings": left, "verdict": "within_noise" if settled else part.verdict})
 
