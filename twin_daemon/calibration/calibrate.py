@@ -97,6 +97,7 @@ def calibrate(
 
     found = PartwiseSearch(progress)
     problems: list[SubProblem] = []
+    grouped: list[SubProblem] = []
 
     def current() -> TwinModel:
         terms = start.terms
@@ -106,9 +107,8 @@ def calibrate(
 
     interrupted = False
     try:
-        grouped = group_problems(
-            start, excerpts(aligned), variables, objective, prior_weight=space.anchor_rad
-        ) if search in DESCENTS else []  # fmt: skip
+        if search in DESCENTS:
+            grouped = group_problems(start, excerpts(aligned), variables, objective, prior_weight=space.anchor_rad)
         for stage, evaluations, time_s in _stages(search, train, budget, seconds, polished=bool(grouped)):
             if grouped:
                 problems, grouped = grouped, []
