@@ -3,9 +3,9 @@
     python -m bench.so101 [--values | --seconds 400 --joints elbow_flex ...] [--choose]
 
 With `--values` the values of the physical space are fitted and nothing else. Otherwise each joint is diagnosed alone,
-every motion held out in turn, and what is found is added as it is. Free roll-outs of the six
-others are compared with the nominal model's: error against nominal by motion, the worst joint, and what of the motion
-is outside of the region of the five. `--choose` computes the choice anew (some 80 s of processor time).
+every motion held out in turn, and what is found is added as it is. Free roll-outs of the six others are compared with
+the nominal model's: error against nominal by motion, the worst joint, and what of the motion is outside of the region
+of the five. `--choose` computes the choice anew (some 80 s of processor time).
 """
 
 from __future__ import annotations

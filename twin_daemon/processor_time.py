@@ -61,11 +61,6 @@ class TimeLimit:
         self._wall_s = np.inf if wall_s is None else wall_s
         self._began_s, self._begun_at_s = processor_s(), time.monotonic()
 
-    @property
-    def endless(self) -> bool:
-        """Whether it has no end."""
-        return bool(np.isinf(self._processor_s) and np.isinf(self._wall_s))
-
     def over(self, share: float = 1.0) -> bool:
         """Whether this share of it has gone."""
         return (

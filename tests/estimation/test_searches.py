@@ -126,7 +126,7 @@ def test_a_search_without_time_keeps_what_it_has_and_was_not_interrupted(
     search: str, twin: TwinModel, worn: Aligned
 ) -> None:
     result = calibrate(twin, [worn], [], SPACE, search, budget=200, seconds=1e-3)
-    assert 0 < result.evaluations < 200
+    assert 0 < result.evaluations < 100
     assert result.after_rad2 <= result.before_rad2
     assert not result.interrupted
 

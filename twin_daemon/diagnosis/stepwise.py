@@ -84,7 +84,7 @@ def stepwise(
     max_steps: int,
     whole: Sequence[Aligned] = (),
     limit: TimeLimit | None = None,
-    within_s: float | None = None,
+    fitted_after: bool = False,
     seed: int = 0,
     say: Say | None = None,
 ) -> Ladder:
@@ -94,11 +94,10 @@ def stepwise(
     the model's own parameters of its part are refitted under their priors; what these alone would do, without any
     effect, is `parameters_alone`. Where `holdout` was cut out of the same recordings, these are `whole`: in the end
     the values are fitted to all of them, and nothing is left to judge that by. Ctrl-C ends it; the steps done are in
-    the answer. Once `limit` is over nothing is looked at any more; what has been found until then is added. After
-    `within_s` nothing is looked at either, but all values are fitted to the end.
+    the answer. Once `limit` is over nothing is looked at any more; what has been found until then is added. With
+    `fitted_after` all values are then fitted to the end all the same.
     """
-    limits = limit or TimeLimit(), TimeLimit(wall_s=within_s)
-    run = _Stepwise(twin, train, holdout, limits, seed, say or (lambda _: None))
+    run = _Stepwise(twin, train, holdout, limit or TimeLimit(), seed, say or (lambda _: None), fitted_after)
     try:
         run.begin()
         while run.ladder.added < max_steps and run.may_add and run.step_on():
@@ -117,12 +116,13 @@ class _Stepwise:
         twin: TwinModel,
         train: Sequence[Aligned],
         holdout: Sequence[Aligned],
-        limits: tuple[TimeLimit, TimeLimit],
+        limit: TimeLimit,
         seed: int,
         say: Say,
+        fitted_after: bool,
     ) -> None:
         self._first, self._train, self._holdout, self._seed, self._say = twin, train, holdout, seed, say
-        self._limit, self._looks = limits
+        self._limit, self._fitted_after = limit, fitted_after
         self.ladder = Ladder(twin, [self._step(None, {}, twin)])
         self._parts: dict[str, Diagnosis] = {}
         self._changed: set[str] = set()
@@ -131,12 +131,15 @@ class _Stepwise:
     @property
     def may_add(self) -> bool:
         """Whether there is time for an effect; for the first one there always is."""
-        return not self._limit.over() or not self.ladder.added
+        return self._may_fit or not self.ladder.added
 
     @property
+    def _may_fit(self) -> bool:
+        return self._fitted_after or not self._limit.over()
+
     def _may_look(self) -> bool:
         """Whether there is time for a look; where there is none, the answer says that it ended early."""
-        over = self._limit.over() or self._looks.over()
+        over = self._limit.over()
         self.ladder.ended_early |= over
         return not over
 
@@ -145,7 +148,7 @@ class _Stepwise:
         if not self._look_at_robot():
             self._look(None)
         self._at_first = dict(self._parts)
-        if self._may_look and self.ladder.steps[0].verdict not in ("not_excited", "within_noise"):
+        if self._may_look() and self.ladder.steps[0].verdict not in ("not_excited", "within_noise"):
             twin = self._first
             alone = twin.changed(twin.terms.with_parameters(refit_parameters(twin, self._train)))
             self.ladder.parameters_alone = (mean_error(alone, self._train), mean_error(alone, self._holdout))
@@ -154,7 +157,7 @@ class _Stepwise:
         """One thing more: an effect, values fitted together, a look at what changed. False where nothing is left."""
         part, finding = self._strongest()
         if finding is None:
-            if not self._changed or not self._may_look:
+            if not self._changed or not self._may_look():
                 return False
             if len(self._changed) == 1 or not self._fitted_together():
                 self._look(set(self._changed))
@@ -176,7 +179,7 @@ class _Stepwise:
             self.ladder.refused.append(finding.name)
             return True
         self.ladder.twin = twin
-        self._parts[part] = _with_its_finding(self._parts[part], () if self._may_look else finding.joints)
+        self._parts[part] = _with_its_finding(self._parts[part], () if self._may_look() else finding.joints)
         self._changed.add(part)
         self.ladder.steps.append(self._judged(step))
         if part == ROBOT or finding.target == HAND:
@@ -189,7 +192,7 @@ class _Stepwise:
         if self._changed:
             self._look(set(self._changed))
         given = ladder.added or ladder.ended_early  # values alone, where there was no time to find anything
-        if not self._limit.over() and given and ladder.steps[-1].verdict == "unexplained":
+        if self._may_fit and given and ladder.steps[-1].verdict == "unexplained":
             self._fitted_together()
         if self._worse_than_raw():
             ladder.take_back(self._first)
@@ -218,11 +221,9 @@ class _Stepwise:
         Where all that moves is one part, a look at that asks the same.
         """
         moving = set(moving_joints(self._train))
-        groups, branches = (
-            sum(bool(moving & set(each.joints)) for each in cut(self._first)) for cut in (drive_groups, parts)
-        )
-        if groups < 2 or branches < 2:
-            return False
+        for divided in (drive_groups, parts):
+            if sum(bool(moving & set(one.joints)) for one in divided(self._first)) < 2:
+                return False
         found = self._finished(self._diagnosed(None, 0, self._say))
         if found.findings:
             self._parts[ROBOT] = found
@@ -238,12 +239,12 @@ class _Stepwise:
             seed=self._seed,
             stream=say,
             most_effects=most_effects,
-            limit=self._limit if self._looks.endless else self._looks,
+            limit=self._limit,
         )
 
     def _finished(self, found: Diagnosis) -> Diagnosis:
         """What a diagnosis found. Raises KeyboardInterrupt where it was interrupted."""
-        if found.interrupted and self._may_look:
+        if found.interrupted and self._may_look():
             raise KeyboardInterrupt
         return found
 
@@ -254,7 +255,7 @@ class _Stepwise:
         asked = [name for name, own in cut.items() if own and (only is None or name in only)]
 
         def looked_at(name: str, say: Say) -> Diagnosis | None:
-            if not self._may_look and (self._parts or name != asked[0]):
+            if not self._may_look() and (self._parts or name != asked[0]):
                 return None
             return self._diagnosed(cut[name], 1, say)
 

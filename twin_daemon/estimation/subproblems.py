@@ -20,6 +20,7 @@ from twin_daemon.estimation.thresholds import CONTACT_POSES, ONSET_REACH_S
 from twin_daemon.estimation.variables import EffectVariable, OnsetVariable, Variable
 from twin_daemon.executor import places, side_by_side
 from twin_daemon.processes import Say
+from twin_daemon.processor_time import TimeLimit
 from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.contacts import touching_parts
 from twin_daemon.simulation.submodel import Part, drive_groups, parts, submodel, with_coupled
@@ -255,7 +256,10 @@ class PartwiseSearch:
             return
         share = None if budget is None else max(1, budget // len(problems))
         time_share = None if seconds is None else seconds / len(problems)
+        limit = TimeLimit(seconds)
         for index, sub in enumerate(problems):
+            if index and limit.over():
+                break  # what is left stays as it is known
             others = sum(errors) - errors[index]
             tracker = Tracker(sub.restarted(self.units), self._reporter(sub.weight, others), share, time_share)
             try:

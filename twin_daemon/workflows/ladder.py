@@ -31,6 +31,7 @@ def laddered(
     """(what the command writes, the same as values); the version is stored."""
     from twin_daemon.diagnosis.stepwise import stepwise
     from twin_daemon.executor import on_cluster
+    from twin_daemon.processor_time import TimeLimit
 
     train, held, notes = train_and_held(session, whole, holdout, trajectory)
     began = time.perf_counter()
@@ -41,7 +42,8 @@ def laddered(
             held,
             max_steps=max_steps,
             whole=() if holdout else whole,
-            within_s=within_s,
+            limit=TimeLimit(wall_s=within_s),
+            fitted_after=True,
             seed=seed,
             say=say,
         )
