@@ -111,4 +111,14 @@ def keep_softness(spec: Any, before: mujoco.MjModel, joints: Iterable[str], tend
 
 def _stiffer(impedance: float, after: float, before: float) -> float:
     """The impedance d for which (1 - d) / d is smaller by as much as an inverse inertia has grown."""
-    return float(1.0 / (1.0 + (1.0 - impedance) / impedance * before / after))
+    return float(impedance_of(softness(impedance) * before / after))
+
+
+def softness(impedance: float) -> float:
+    """(1 - d) / d of an impedance d, to which MuJoCo makes what a constraint gives way by proportional."""
+    return (1.0 - impedance) / impedance
+
+
+def impedance_of(softness: float) -> float:
+    """The impedance that is as soft."""
+    return 1.0 / (1.0 + softness)

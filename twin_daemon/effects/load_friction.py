@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
-from twin_daemon.effects.edits import linear, servo_stiffness
+from twin_daemon.effects.edits import impedance_of, linear, servo_stiffness, softness
 from twin_daemon.effects.transmission import pulled_joints
 
 _PRESS = 7.0  # 1/m: force on the brake by torque of the servo; its shoe then lifts off by a millimetre at 1 rad/s
@@ -132,13 +132,13 @@ def _softness(
     dof = int(model.jnt_dofadr[joint.id])
     constant_s, _ = model.dof_solref[dof]
     least, most = model.dof_solimp[dof][:2]
-    own = (1.0 - least) / least * float(model.dof_invweight0[dof])  # 1/(kg m2): softness of the joint's own friction
+    own = softness(least) * float(model.dof_invweight0[dof])  # 1/(kg m2): softness of the joint's own friction
     # by MuJoCo a contact is as soft as its bodies are light: 1/kg, along three directions of which the shoe has one
     weight = 1.0 / (3.0 * shoe_kg) + 2.0 * float(model.body_invweight0[model.body_parentid[link], 0])
     # what rubs lifts off in proportion, and what is soft stays on; what does not rub may be hard
-    softness = 1e-3 + _SOFT * min(coefficient / _SOFT_FROM, 1.0)
-    firm = 1.0 / (1.0 + softness)
-    normal = softness * weight / float(model.opt.impratio)
+    plates = 1e-3 + _SOFT * min(coefficient / _SOFT_FROM, 1.0)
+    firm = impedance_of(plates)
+    normal = plates * weight / float(model.opt.impratio)
     asked = creep * own * lever**2 / (2.0 * normal)
     sliding = max(float(np.sqrt(0.5 * (np.sqrt(1.0 + 4.0 * asked) - 1.0))), _HARD)
     return lever, sliding, firm, float(most * constant_s / firm)

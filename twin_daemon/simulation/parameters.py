@@ -14,6 +14,8 @@ from typing import Any, Literal
 import mujoco
 import numpy as np
 
+from twin_daemon.effects.edits import impedance_of, softness
+
 Element = Literal["joint", "actuator", "tendon", "body"]
 _FAR = 10.0  # times what a model says of a positive number: further from it no fit of that model is believed
 
@@ -82,16 +84,8 @@ def _set_first(element: Any, attribute: str, value: float) -> None:
         setattr(element, attribute, value)
 
 
-def _softness(impedance: float) -> float:
-    return (1.0 - impedance) / impedance
-
-
-def _impedance(softness: float) -> float:
-    return 1.0 / (1.0 + softness)
-
-
 def _edit_softness(joint: Any, value: float) -> None:
-    joint.solimp_friction[0] = _impedance(value)
+    joint.solimp_friction[0] = impedance_of(value)
 
 
 def _write_springref(model: mujoco.MjModel, joint: int, value: float) -> None:
@@ -200,8 +194,8 @@ KINDS: dict[str, ParameterKind] = {
             1e-4,
             100.0,
             True,
-            lambda m, j: _softness(float(m.dof_solimp[_dof(m, j), 0])),
-            lambda m, j, v: m.dof_solimp.__setitem__((_dof(m, j), 0), _impedance(v)),
+            lambda m, j: softness(float(m.dof_solimp[_dof(m, j), 0])),
+            lambda m, j, v: m.dof_solimp.__setitem__((_dof(m, j), 0), impedance_of(v)),
             _edit_softness,
         ),
         ParameterKind(
