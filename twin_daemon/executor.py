@@ -154,14 +154,19 @@ def _processes(count: int) -> int:
 
 
 def side_by_side(
-    work: Callable[[Item, Say], Result], items: Sequence[Item], say: Say
+    work: Callable[[Item, Say], Result],
+    items: Sequence[Item],
+    say: Say,
+    *,
+    meanwhile: Callable[[], None] = lambda: None,
 ) -> Generator[tuple[int, Result], None, None]:
     """(index, work(item, say)) for each item, as they end, in as many processes as there are `places`.
 
-    What the work raises is raised here. What one of several says is told when it has ended.
+    What the work raises is raised here. What one of several says is told when it has ended; `meanwhile` is called again
+    and again while processes work.
     """
     if (count := places(len(items))) > 1:
-        return in_processes(work, items, say, count)
+        return in_processes(work, items, say, count, meanwhile)
     return ((index, work(item, say)) for index, item in enumerate(items))
 
 

@@ -23,6 +23,7 @@ from typing import Any, TypeVar
 from twin_daemon.processor_time import begin_on_one_core, processor_s
 
 _PR_SET_PDEATHSIG = 1  # of prctl(2)
+_MEANWHILE_S = 0.25  # between looks of a person at a progress bar
 _INDEX = struct.Struct("i")
 _MARK = "__never_changes__"
 
@@ -33,12 +34,17 @@ Say = Callable[[str], None]
 
 
 def in_processes(
-    work: Callable[[Item, Say], Result], items: Sequence[Item], say: Say, count: int
+    work: Callable[[Item, Say], Result],
+    items: Sequence[Item],
+    say: Say,
+    count: int,
+    meanwhile: Callable[[], None] = lambda: None,
 ) -> Generator[tuple[int, Result], None, None]:
     """(index, work(item, say)) for each item, as they end, in `count` processes that take one after another.
 
-    What the work raises is raised here. What it says is told when it has ended. What a process that was killed had
-    begun is done in this one. Whoever stops asking ends the processes.
+    What the work raises is raised here. What it says is told when it has ended; `meanwhile` is called now and then
+    until all have. What a process that was killed had begun is done in this one. Whoever stops asking ends the
+    processes.
 
     What never changes and was here before comes back as what it was: see `never_changes`.
     """
@@ -53,7 +59,9 @@ def in_processes(
             connection, process = _begun(work, items, count, asked, known)
             running[connection] = process
         while running:
-            for connection in wait(list(running)):
+            ended = wait(list(running), _MEANWHILE_S)
+            meanwhile()
+            for connection in ended:
                 assert isinstance(connection, Connection)
                 try:
                     index, error, answer, said = _Receiver(connection.recv_bytes(), known).load()

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+import time
+
 import numpy as np
 import pytest
 
@@ -9,9 +12,10 @@ from tests.simulation.made import Motion, recorded
 from twin_daemon.calibration.calibrate import calibrate
 from twin_daemon.calibration.spaces import load_space, variables_of
 from twin_daemon.estimation.partition import Reduction
+from twin_daemon.estimation.partwise_search import PartwiseSearch
 from twin_daemon.estimation.solvers.least_squares import descend
 from twin_daemon.estimation.solvers.tracker import Tracker
-from twin_daemon.estimation.subproblems import PartwiseSearch, reduced_problems, touching
+from twin_daemon.estimation.subproblems import reduced_problems, touching
 from twin_daemon.estimation.variables import Variable
 from twin_daemon.recalibration.clear_errors import clear_residuals
 from twin_daemon.simulation.alignment import Aligned, align
@@ -64,21 +68,51 @@ def test_each_has_a_problem_of_its_own(twin: TwinModel, aligned: Aligned, separa
 def test_parts_are_searched_side_by_side_as_one_after_another(
     twin: TwinModel, aligned: Aligned, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The same values and the same falling error, to the last bit."""
-
-    def some_steps(tracker: Tracker, budget: int | None, seed: int) -> None:
-        descend(tracker, tracker.problem.start, 3)
-
+    """The same values and the same falling error, to the last bit, and how far they are is told meanwhile."""
     problems = reduced_problems(twin, [aligned], _variables(twin), MOVING, separable=True)
     found: list[PartwiseSearch] = []
+    told: list[tuple[int, float]] = []
     for cores in ("1", "2"):
         monkeypatch.setenv("TWIN_THREADS", cores)
-        found.append(PartwiseSearch())
-        found[-1].run(problems, some_steps, None, 0)
+        told.clear()
+        found.append(PartwiseSearch(lambda count, mse: told.append((count, mse))))
+        found[-1].run(problems, _some_steps, None, 0)
     in_turn, side_by_side = found
     assert in_turn.units == side_by_side.units
     assert in_turn.history == side_by_side.history
     assert in_turn.history[-1] < in_turn.history[0]
+    counts, errors = zip(*told, strict=True)
+    assert sorted(counts) == list(counts)
+    assert sorted(errors, reverse=True) == list(errors)
+    assert (counts[-1], errors[-1]) == (len(side_by_side.history), pytest.approx(side_by_side.history[-1]))
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes are forked on Linux alone")
+def test_an_interrupt_keeps_what_processes_have_found_that_are_still_at_it(
+    twin: TwinModel, aligned: Aligned, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TWIN_THREADS", "2")
+    problems = reduced_problems(twin, [aligned], _variables(twin), MOVING, separable=True)
+    at_start = sum(sub.weight * float(sub.problem.mse(sub.start({})[None])[0]) for sub in problems)
+
+    def then_waits(tracker: Tracker, budget: int | None, seed: int) -> None:
+        _some_steps(tracker, budget, seed)
+        time.sleep(60.0)
+
+    def stop(count: int, mse: float) -> None:
+        if mse < 0.9 * at_start:
+            raise KeyboardInterrupt
+
+    found = PartwiseSearch(stop)
+    with pytest.raises(KeyboardInterrupt):
+        found.run(problems, then_waits, None, 0)
+    kept = sum(sub.weight * float(sub.problem.mse(sub.start(found.units)[None])[0]) for sub in problems)
+    assert kept == pytest.approx(found.history[-1])
+    assert kept < 0.9 * at_start
+
+
+def _some_steps(tracker: Tracker, budget: int | None, seed: int) -> None:
+    descend(tracker, tracker.problem.start, 3)
 
 
 @pytest.mark.slow

@@ -12,10 +12,11 @@ from twin_daemon.calibration.spaces import Space, objective_of, variables_of
 from twin_daemon.comparison.compare import compare_recording, pooled
 from twin_daemon.errors import BadInput, nearest
 from twin_daemon.estimation.estimate import Correlated, Estimate
+from twin_daemon.estimation.partwise_search import PartwiseSearch
 from twin_daemon.estimation.solvers import DESCENTS, SEARCHES, Search
 from twin_daemon.estimation.solvers.least_squares import descend
 from twin_daemon.estimation.solvers.tracker import Progress, Tracker
-from twin_daemon.estimation.subproblems import PartwiseSearch, SubProblem, group_problems, reduced_problems
+from twin_daemon.estimation.subproblems import SubProblem, group_problems, reduced_problems
 from twin_daemon.estimation.thresholds import (
     POLISH_ITERATIONS,
     POLISH_SHARE,

@@ -5,22 +5,15 @@ Each is a problem on the smallest model that moves its part. From outside they a
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from twin_daemon.estimation.partition import Reduction, restricted
 from twin_daemon.estimation.problem import Problem
-from twin_daemon.estimation.solvers import Search
-from twin_daemon.estimation.solvers.tracker import BudgetSpent, Progress, Tracker
 from twin_daemon.estimation.thresholds import CONTACT_POSES, ONSET_REACH_S
 from twin_daemon.estimation.variables import EffectVariable, OnsetVariable, Variable
-from twin_daemon.executor import places, side_by_side
-from twin_daemon.processes import Say
-from twin_daemon.processor_time import TimeLimit
 from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.contacts import touching_parts
 from twin_daemon.simulation.submodel import Part, drive_groups, parts, submodel, with_coupled
@@ -203,97 +196,3 @@ def touching(twin: TwinModel, recording: Aligned) -> bool:
     rows = np.linspace(0, len(recording.states) - 1, CONTACT_POSES).astype(int)
     poses = twin.measurement.invert(twin.joints, recording.states[rows])
     return bool(touching_parts(twin, parts(twin), poses))
-
-
-@dataclass(frozen=True)
-class _Found:
-    """What the search of one problem has come to: its best point (p,), the error there and after each evaluation."""
-
-    best: np.ndarray
-    mse: float
-    history: list[float]
-
-    @classmethod
-    def of(cls, tracker: Tracker) -> _Found:
-        return cls(tracker.best, tracker.best_mse, tracker.history)
-
-
-def _search(tracker: Tracker, search: Search, budget: int | None, seed: int) -> None:
-    # the searches' matrices are small: threads of a matrix product would mostly wait for each other
-    with contextlib.suppress(BudgetSpent), threadpool_limits(limits=1):
-        search(tracker, budget, seed)
-
-
-class PartwiseSearch:
-    """What searches over sub-problems have found so far.
-
-    `units` is the best unit coordinate of each variable by name, `history` the best mse (rad^2) of the whole
-    objective after each evaluation.
-    """
-
-    def __init__(self, progress: Progress | None = None) -> None:
-        self.units: dict[str, float] = {}
-        self.history: list[float] = []
-        self._progress = progress
-
-    def run(
-        self,
-        problems: Sequence[SubProblem],
-        search: Search,
-        budget: int | None,
-        seed: int,
-        seconds: float | None = None,
-    ) -> None:
-        """Searches each sub-problem from what is known already, with its share of the budget and of the time.
-
-        A KeyboardInterrupt passes through, once the best point so far is kept; of searches that run side by side, since
-        there is nothing to share out and nobody to tell, those that have ended are kept.
-        """
-        errors = [float(sub.problem.mse(sub.start(self.units)[None])[0]) * sub.weight for sub in problems]
-        free = budget is None and seconds is None and self._progress is None
-        if free and places(len(problems)) > 1:
-            self._run_side_by_side(problems, search, seed, errors)
-            return
-        share = None if budget is None else max(1, budget // len(problems))
-        time_share = None if seconds is None else seconds / len(problems)
-        limit = TimeLimit(seconds)
-        for index, sub in enumerate(problems):
-            if index and limit.over():
-                break  # what is left stays as it is known
-            others = sum(errors) - errors[index]
-            tracker = Tracker(sub.restarted(self.units), self._reporter(sub.weight, others), share, time_share)
-            try:
-                _search(tracker, search, share, seed)
-            finally:
-                self._keep(sub, _Found.of(tracker), others)
-            errors[index] = min(errors[index], tracker.best_mse * sub.weight)
-
-    def _run_side_by_side(self, problems: Sequence[SubProblem], search: Search, seed: int, errors: list[float]) -> None:
-        """Searches each sub-problem in a process of its own."""
-
-        def searched(sub: SubProblem, _: Say) -> _Found:
-            tracker = Tracker(sub.restarted(self.units))
-            _search(tracker, search, None, seed)
-            return _Found.of(tracker)
-
-        found: dict[int, _Found] = {}
-        try:
-            found.update(side_by_side(searched, problems, lambda _: None))
-        finally:
-            for index in sorted(found):
-                self._keep(problems[index], found[index], sum(errors) - errors[index])
-                errors[index] = min(errors[index], found[index].mse * problems[index].weight)
-
-    def _keep(self, sub: SubProblem, found: _Found, others: float) -> None:
-        if not found.history:
-            return
-        names = [variable.name for variable in sub.problem.variables]
-        self.units.update(zip(names, map(float, found.best), strict=True))
-        whole = [*self.history[-1:], *(mse * sub.weight + others for mse in found.history)]
-        self.history.extend(np.minimum.accumulate(whole)[len(self.history[-1:]) :].tolist())
-
-    def _reporter(self, weight: float, others: float) -> Progress | None:
-        progress, before = self._progress, len(self.history)
-        if progress is None:
-            return None
-        return lambda count, mse: progress(before + count, mse * weight + others)
