@@ -128,3 +128,35 @@ def test_a_value_of_a_joint_that_is_gone_goes_though_a_body_bears_its_name(tmp_p
     )
     part = submodel(changed, ("roll",), np.zeros(2))
     assert part.terms.parameters == {"gripper.mass": 0.2, "roll.kp": 4.0}
+
+
+ARM = (
+    '<mujoco model="arm"><compiler boundmass="1e-6"/><worldbody>'
+    '<body name="upper"><joint name="shoulder" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0.2 0 0" size="0.02"'
+    ' mass="0.3"/><body name="lower" pos="0.2 0 0"><joint name="elbow" axis="0 1 0"/>'
+    '<geom type="capsule" fromto="0 0 0 0.2 0 0" size="0.02" mass="0.2"/></body></body></worldbody>'
+    '<actuator><position name="shoulder" joint="shoulder" kp="5"/><position name="elbow" joint="elbow" kp="5"/>'
+    "</actuator></mujoco>"
+)
+
+
+def _needed_to_hold(model: mujoco.MjModel) -> float:
+    """N m that the first joint needs to hold the arm level."""
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return float(data.qfrc_bias[0])
+
+
+@pytest.mark.parametrize("body", ["upper", "lower"])
+def test_each_body_of_a_part_keeps_its_mass_where_one_is_changed(body: str, tmp_path: Path) -> None:
+    """Bodies that are welded together are one to whoever changes none of them."""
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM)
+    whole = TwinModel.load(load_hand(model=path))
+    heavier = Terms(parameters={f"{body}.mass": 0.5})
+    for keep in (("shoulder",), ("shoulder", "elbow")):
+        part = submodel(whole.changed(heavier), keep, np.zeros(2))
+        assert part.terms == heavier
+        assert _needed_to_hold(part.model) == pytest.approx(_needed_to_hold(whole.changed(heavier).model))
+        searched = submodel(whole, keep, np.zeros(2), bodies=True).changed(heavier)
+        assert _needed_to_hold(searched.model) == pytest.approx(_needed_to_hold(whole.changed(heavier).model))

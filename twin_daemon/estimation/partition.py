@@ -48,8 +48,12 @@ class Reduced:
 class Reduction:
     """Cuts recordings to parts. When what touches what is looked up once, whatever terms the twin gets later."""
 
-    def __init__(self, twin: TwinModel, train: Sequence[Aligned], holdout: Sequence[Aligned]) -> None:
+    def __init__(
+        self, twin: TwinModel, train: Sequence[Aligned], holdout: Sequence[Aligned], *, bodies: bool = False
+    ) -> None:
+        """With `bodies` each body of a part keeps its own mass: for who changes it."""
         self._train, self._holdout = train, holdout
+        self._bodies = bodies
         self._branches = parts(twin)
         both = (_touching(twin, self._branches, r) for r in (*train, *holdout))
         self._touching, self._touching_for_sure = zip(*both, strict=True)
@@ -85,7 +89,7 @@ class Reduction:
         What a contact does hangs on surfaces and shapes that no model of a hand has right, so that it says little
         about the part.
         """
-        small = submodel(twin, self._with_trunk(twin, part, joints), self._usual)
+        small = submodel(twin, self._with_trunk(twin, part, joints), self._usual, bodies=self._bodies)
         recordings = (*self._train, *self._holdout)
         outside = self._stir_outside(twin, small.joints)
         if outside and self._motions is None:

@@ -16,7 +16,7 @@ from twin_daemon.estimation.thresholds import CONTACT_POSES, ONSET_REACH_S
 from twin_daemon.estimation.variables import EffectVariable, OnsetVariable, Variable
 from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.contacts import touching_parts
-from twin_daemon.simulation.submodel import Part, drive_groups, parts, submodel, with_coupled
+from twin_daemon.simulation.submodel import Part, drive_groups, is_of_body, parts, submodel, with_coupled
 from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
 
@@ -108,10 +108,11 @@ def group_problems(
     """One sub-problem for each group of joints that one servo moves, while all others follow their measured motion.
 
     A roll-out of one costs a fraction of a chain's, and what is wrong at one joint does not bend what is fitted at the
-    next. Empty where that is no smaller than the parts, where variables tie groups together, where one has too little
-    motion that is clear of contacts, and where an onset is not known, of which pieces of a recording know nothing.
+    next. Empty where that is no smaller than the parts, where variables tie groups together, as a link's mass does that
+    all joints before it carry, where one has too little motion that is clear of contacts, and where an onset is not
+    known, of which pieces of a recording know nothing.
     """
-    if any(r.onset_free for r in recordings):
+    if _of_bodies(variables) or any(r.onset_free for r in recordings):
         return []
     shares, all_of_them = _shared_out(drive_groups(twin), variables, objective)
     larger, _ = _shared_out(parts(twin), variables, objective)
@@ -152,7 +153,7 @@ def _clear_problems(
 
     Pieces of a recording know nothing of an onset that is estimated: there must be none.
     """
-    reduction = Reduction(twin, recordings, [])
+    reduction = Reduction(twin, recordings, [], bodies=_of_bodies([v for share in shares for v in share.variables]))
     out = []
     for share in shares:
         reduced = reduction.of(twin, share.part, share.joints)
@@ -160,6 +161,11 @@ def _clear_problems(
             problem = Problem(reduced.twin, reduced.train, share.variables, share.joints, prior_weight=prior_weight)
             out.append(SubProblem(problem, share.weight))
     return out
+
+
+def _of_bodies(variables: Sequence[Variable]) -> bool:
+    """Whether any of them changes a body's mass, inertia or centre of mass."""
+    return any(is_of_body(name) for variable in variables for name in variable.parameters_moved)
 
 
 def _onset_variables(recordings: Sequence[int], label: str) -> list[OnsetVariable]:
@@ -186,7 +192,7 @@ def _sub(
 ) -> SubProblem:
     if contacts:
         return SubProblem(Problem(twin, recordings, variables, objective, prior_weight=prior_weight), weight)
-    small = submodel(twin, keep, recordings[0].start_position)
+    small = submodel(twin, keep, recordings[0].start_position, bodies=_of_bodies(variables))
     cut = [restricted(r, small) for r in recordings]
     return SubProblem(Problem(small, cut, variables, objective, prior_weight=prior_weight), weight)
 

@@ -117,27 +117,37 @@ def with_coupled(twin: TwinModel, joints: Collection[str]) -> tuple[str, ...]:
     return tuple(n for n in twin.joints if n in keep)
 
 
-def submodel(twin: TwinModel, keep: tuple[str, ...], position: np.ndarray, *, contacts: bool = False) -> TwinModel:
+def submodel(
+    twin: TwinModel, keep: tuple[str, ...], position: np.ndarray, *, contacts: bool = False, bodies: bool = False
+) -> TwinModel:
     """The twin reduced to some joints; the others are welded at `position` (j,) rad, and what they carry goes.
 
     Without `contacts` there are no geoms: for motions in which nothing touches. The terms of joints and
-    commands that are gone are dropped.
+    commands that are gone are dropped. With `bodies`, and where a term is about one, bodies that are welded together
+    remain, each with its own mass; else they are one.
     """
-    reduced = _without_terms(twin, keep, position, contacts)
+    fused = not (contacts or bodies or any(map(is_of_body, twin.terms.parameters)))
+    reduced = _without_terms(twin, keep, position, contacts, fused)
     names = {reduced.place(n).target for n in (*reduced.joints, *reduced.actuators)}
-    bodies = {reduced.model.body(i).name for i in range(1, reduced.model.nbody)}
-    parameters = {n: v for n, v in twin.terms.parameters.items() if _is_there(n, names, bodies)}
+    present = {reduced.model.body(i).name for i in range(1, reduced.model.nbody)}
+    parameters = {n: v for n, v in twin.terms.parameters.items() if _is_there(n, names, present)}
     effects = tuple(t for t in twin.terms.effects if t.target in names or t.target == "hand")
     return reduced.changed(Terms(parameters=parameters, effects=effects))
 
 
+def is_of_body(parameter: str) -> bool:
+    """Whether a parameter is a body's: its mass, its inertia or its centre of mass."""
+    return KINDS[parameter.rpartition(".")[2]].element == "body"
+
+
 def _is_there(parameter: str, names: Collection[str], bodies: Collection[str]) -> bool:
     """Whether a parameter's joint, command or body is; a joint and the body of another one may share a name."""
-    target, _, kind = parameter.rpartition(".")
-    return target in (bodies if KINDS[kind].element == "body" else names)
+    return parameter.rpartition(".")[0] in (bodies if is_of_body(parameter) else names)
 
 
-def _without_terms(twin: TwinModel, keep: tuple[str, ...], position: np.ndarray, contacts: bool) -> TwinModel:
+def _without_terms(
+    twin: TwinModel, keep: tuple[str, ...], position: np.ndarray, contacts: bool, fused: bool
+) -> TwinModel:
     spec = twin.nominal.copy()
     joints = {name: info.joint for name, info in twin.hand.description.joints.items() if name in twin.joints}
     kept = {joints[name] for name in keep}
@@ -155,11 +165,11 @@ def _without_terms(twin: TwinModel, keep: tuple[str, ...], position: np.ndarray,
         _strip(spec, twin.base_model)
     # before static bodies are fused: a spec that has been fused loses its last bit when it is written
     keep_softness(spec, twin.nominal_model, sorted(kept), [tendon.name for tendon in spec.tendons])
-    spec.compiler.fusestatic = spec.compiler.fusestatic or not contacts
+    spec.compiler.fusestatic = spec.compiler.fusestatic or fused
     description = twin.hand.description
     smaller = description.model_copy(update={"joints": {n: description.joints[n] for n in twin.joints if n in keep}})
     reduced = TwinModel(Hand(smaller, twin.hand.model_path), spec, Terms())
-    reduced.made_by = _without_terms, (twin, keep, position, contacts)
+    reduced.made_by = _without_terms, (twin, keep, position, contacts, fused)
     return reduced
 
 
