@@ -156,7 +156,7 @@ def _clear_problems(
     reduction = Reduction(twin, recordings, [], bodies=_of_bodies([v for share in shares for v in share.variables]))
     out = []
     for share in shares:
-        reduced = reduction.of(twin, share.part, share.joints)
+        reduced = reduction.of(twin, share.part, share.joints, start_errors=False)
         if reduced is not None:
             problem = Problem(reduced.twin, reduced.train, share.variables, share.joints, prior_weight=prior_weight)
             out.append(SubProblem(problem, share.weight))
