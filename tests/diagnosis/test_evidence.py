@@ -121,6 +121,17 @@ def test_an_effects_value_counts_from_what_the_model_states(twin: TwinModel) -> 
     assert factors(left, values)[f"{JOINT}.damping"] == 3.0
 
 
+def test_beside_what_all_joints_have_each_may_have_its_own_share_of_it(twin: TwinModel) -> None:
+    def sigmas(twin: TwinModel) -> dict[str, float]:
+        return {v.name: v.prior.sigma for v in nuisance_variables(twin, (), (JOINT,)) if v.prior is not None}
+
+    cold = EffectTerm(effect="coulomb_friction", target=ROBOT, values={"friction": 0.0, "share": 9.0})
+    usual, wider = sigmas(twin), sigmas(twin.changed(Terms(effects=(cold,))))
+    name = f"{JOINT}.frictionloss"
+    assert wider[name] == pytest.approx(np.hypot(usual[name], 0.1 * np.log(10.0)))
+    assert {key: value for key, value in wider.items() if key != name} == {k: v for k, v in usual.items() if k != name}
+
+
 def test_what_a_fit_beside_a_missing_effect_comes_to_is_still_a_model(twin: TwinModel) -> None:
     """A limit of speed takes all friction of a joint away; nothing less than the least is written into the model."""
     name = f"{JOINT}.frictionloss"

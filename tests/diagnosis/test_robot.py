@@ -152,6 +152,24 @@ def test_what_all_joints_have_is_one_cause_and_named_once(
         assert limit["ci95"][1] - limit["ci95"][0] > 10.0
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("frictions", "places"), [((0.1, 0.14, 0.2), {ROBOT}), ((0.1, 0.0, 0.2), {"left", "right"})])
+def test_cold_grease_is_one_cause_though_no_two_joints_have_the_same_share_of_it(
+    frictions: tuple[float, ...], places: set[str], tmp_path: Path
+) -> None:
+    """What one of them has nothing of is not the whole robot's."""
+    first, *others = (
+        EffectTerm(effect="coulomb_friction", target=servo, values={"friction": friction, "sticking": 0.0})
+        for servo, friction in zip(SERVOS, frictions, strict=True)
+    )
+    model, bag, other = changed_rig(tmp_path, first.effect, first.values, *others, target=first.target)
+    said = called("diagnose", "--model", str(model), "--recording", str(bag), "--holdout", str(other),
+                  result=tmp_path / "d.json")  # fmt: skip
+    assert said["verdict"] in ("explained", "ambiguous")
+    assert {found["effect"] for found in said["findings"]} == {"coulomb_friction"}
+    assert {found["target"] for found in said["findings"]} == places
+
+
 def test_a_friction_that_sticks_and_one_that_creeps_are_both_fitted_at_all_joints(tmp_path: Path) -> None:
     """Where one begins it may leave less than the other, and far more where their fits end."""
     model, bag, _ = changed_rig(tmp_path, "coulomb_friction", {"friction": 0.0, "sticking": 0.0, "share": 5.0})

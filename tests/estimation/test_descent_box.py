@@ -1,4 +1,4 @@
-"""A descent that may go no further than a box."""
+"""A descent that may go no further than a box, and one across what is rough."""
 
 from __future__ import annotations
 
@@ -34,3 +34,24 @@ def test_it_ends_at_the_best_point_of_its_box(sides: list[list[float]], slope: f
     corners = np.random.default_rng(0).uniform(low, high, (500, 3))
     best = float((residuals(corners) ** 2).sum(axis=1).min())
     assert float(found.rows @ found.rows) <= best + 1e-3
+
+
+@given(amplitude=st.floats(1e-3, 0.02), start=st.floats(0.1, 0.45))
+def test_across_what_is_rough_the_slope_is_that_of_what_is_beneath(amplitude: float, start: float) -> None:
+    """A law that chatters looks steep to a short step: its value then seems known better than it is."""
+    time = np.linspace(0.0, 1.0, 400)
+
+    def residuals(points: np.ndarray) -> np.ndarray:
+        chatter = np.sin(1e5 * (points[:, :1] + 1.0) * (time + 1.0))
+        return points[:, :1] * time + amplitude * chatter
+
+    variables = [ParameterVariable("a", "1", 0.0, 1.0, 0.5)]
+    problem = cast("Posterior", SimpleNamespace(variables=variables, residuals=residuals))
+    point = np.array([start])
+    short, wide = (
+        np.linalg.norm(Derivative(problem, [0], across=across)(point, residuals(point[None])[0]))
+        for across in (False, True)
+    )
+    right = float(np.linalg.norm(time))
+    assert abs(wide - right) <= abs(short - right) + 1e-9
+    assert wide < 2.0 * right

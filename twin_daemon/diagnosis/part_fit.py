@@ -364,7 +364,8 @@ class PartFit:
     def _descended(self, hypothesis: Hypothesis, problem: Posterior, point: np.ndarray, evaluations: int) -> Fit:
         for _ in range(2):
             problem = problem.corrected(problem.corrections_at(point))
-            found = descend(problem, point, Derivative(problem, own_columns(problem)), evaluations=evaluations)
+            derivative = Derivative(problem, own_columns(problem), across=True)
+            found = descend(problem, point, derivative, evaluations=evaluations)
             point = found.point
             if found.rows @ found.rows > GONE_FAR * found.began:
                 break

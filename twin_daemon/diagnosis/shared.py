@@ -90,6 +90,25 @@ class _Begun:
         return float(self.rows @ self.rows)
 
 
+@dataclass(frozen=True)
+class _Held:
+    """A cause fitted to its end with the groups beside it, and what held-out motion says of each (see `passing`).
+
+    `slopes` (m, q) are those of the rows of the search `there`; `helped` says whether it takes from each group.
+    """
+
+    found: _Begun
+    slopes: np.ndarray
+    there: SharedSearch
+    looked_at: list[tuple[Reduced, PartFit]]
+    squares: list[tuple[np.ndarray, np.ndarray] | None]
+    helped: bool
+
+    @property
+    def passes(self) -> bool:
+        return None not in self.squares
+
+
 class SharedSearch:
     """Looks for one cause behind what several groups show."""
 
@@ -272,6 +291,12 @@ class SharedSearch:
         there = SharedSearch(twin, reduction, looked_at_again(twin, reduction, [r for r, _ in self._above], at_nominal))
         return (*there.fitted(there.at(cause, found.values)), there)
 
+    def _held_to(self, begun: _Begun, seed: int) -> _Held:
+        found, slopes, there = self.settled(begun)
+        looked_at = there.beside(found.cause, found.values)
+        helped = all(new.base.cost < old.base.cost for (_, old), (_, new) in zip(self._above, looked_at, strict=True))
+        return _Held(found, slopes, there, looked_at, passing(self._above, looked_at, seed), helped)
+
     def best(self, causes: Sequence[SharedCause], seed: int, *, most_left: float = np.inf) -> Shared | None:
         """The cause that brings the groups back to the floor, on held-out motion too; None where none does.
 
@@ -279,23 +304,28 @@ class SharedSearch:
         """
         begun = [forms for forms in concurrently(lambda cause: self.begun(cause), causes) if forms]
         begun.sort(key=lambda forms: forms[0].cost)
-        fits: list[_Begun] = []
+        finalists: list[list[_Begun]] = []
         for forms in begun[:SHARED_FINALISTS]:
-            least = min((fit.cost for fit in fits), default=np.inf)
+            least = min((forms[0].cost for forms in finalists), default=np.inf)
             fitted = [self.fitted(one, COMPARABLE * least)[0] for one in forms]
-            fits.append(min(fitted, key=lambda fit: fit.cost))
-        if not fits:
+            finalists.append(sorted(fitted, key=lambda fit: fit.cost))
+        if not finalists:
             return None
-        best = min(fits, key=lambda fit: fit.cost)
+        fits = [forms[0] for forms in finalists]
+        forms = min(finalists, key=lambda forms: forms[0].cost)
+        best = forms[0]
         nothing = float(self._nothing @ self._nothing)
         if best.cost > most_left * nothing + sum(group.floor_cost for group in self._groups):
             return None
         if not self._helps_most(best):
             return None
-        found, slopes, there = self.settled(best)
+        held = self._held_to(best, seed)
+        if len(forms) > 1 and not held.passes and held.helped:
+            # where joints differ in how much they have, its form shows only when each has its own share
+            held = self._held_to(forms[1], seed)
+        found, slopes, there = held.found, held.slopes, held.there
         cause, values = found.cause, found.values
-        above, looked_at = self._above, there.beside(cause, values)
-        squares = passing(above, looked_at, seed)
+        above, looked_at, squares = self._above, held.looked_at, held.squares
         if None in squares and cause.effect.shared == "load":
             # a load ties the joints that carry it together, more than their measured motion can say of each other
             above = self.joined(self._twin)
@@ -303,8 +333,7 @@ class SharedSearch:
             squares = passing(above, looked_at, seed)
         elif None in squares:
             right = [i for i, one in enumerate(squares) if one is not None]
-            helped = all(new.base.cost < old.base.cost for (_, old), (_, new) in zip(above, looked_at, strict=True))
-            if helped and 2 * len(right) > len(squares) > 2:
+            if held.helped and 2 * len(right) > len(squares) > 2:
                 # what most have all may have, and some something of their own beside it
                 return self.only(right).best(causes, seed)
         if not squares or None in squares:

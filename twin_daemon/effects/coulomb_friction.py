@@ -43,7 +43,7 @@ class CoulombFriction(Effect):
             reach=Reach("kp", 0.5),
         ),
         Parameter("sticking", "1", 0.0, 1.0, 1.0, 1.0, "part of it that holds for ever; the rest creeps at rest"),
-        Parameter("share", "1", -0.95, 50.0, 0.0, 0.0, "more of each joint's own friction; of the robot as a whole"),
+        Parameter("share", "1", -0.95, 1000.0, 0.0, 0.0, "more of each joint's own friction; of the robot as a whole"),
     )
     story = Story(
         what="A torque against the motion that does not depend on speed; at rest it holds.",

@@ -32,7 +32,7 @@ class ViscousFriction(Effect):
             "damping beside the model's own; below 0 it has less",
             reach=Reach("kp", 1.0),
         ),
-        Parameter("share", "1", -0.95, 20.0, 0.0, 0.0, "more of each joint's own damping; of the robot as a whole"),
+        Parameter("share", "1", -0.95, 200.0, 0.0, 0.0, "more of each joint's own damping; of the robot as a whole"),
     )
     story = Story(
         what="A torque against the motion that grows with speed.",

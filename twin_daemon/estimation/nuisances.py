@@ -10,11 +10,13 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
+from twin_daemon.effects import LIBRARY
 from twin_daemon.estimation.thresholds import (
     DELAY_CYCLES,
     DELAY_REACH,
     FREE_ONSET_SIGMA_S,
     NUISANCE_REACH,
+    SHARED_SPREAD,
 )
 from twin_daemon.estimation.variables import LinkVariable, OnsetVariable, ParameterVariable, Prior, Variable
 from twin_daemon.simulation.alignment import Aligned
@@ -29,8 +31,10 @@ def nuisance_variables(twin: TwinModel, recordings: Sequence[Aligned], joints: S
 
     A servo that is twice as strong before twice the friction and inertia moves the same, but for gravity. So that a
     search may walk along this valley, a servo's factor scales what it drives as well, and the factors of damping,
-    friction and armature are what they have beyond it. Priors are about the whole factor of each parameter.
+    friction and armature are what they have beyond it. Priors are about the whole factor of each parameter; beside a
+    cause that all joints share they are as much wider as joints of one robot differ in it.
     """
+    spread = _spread(twin)
     assumed = twin.hand.description.nominal_uncertainty
     driven_by = {f"{actuator}.kp": driven for actuator, driven in zip(twin.actuators, twin.driven, strict=True)}
     known = {
@@ -42,7 +46,7 @@ def nuisance_variables(twin: TwinModel, recordings: Sequence[Aligned], joints: S
     found: list[Variable] = [
         _factor(name, (name,), sigma, joint)
         for name, joint in known.items()
-        if (sigma := assumed.of(name.rpartition(".")[2])) > 0.0
+        if (sigma := float(np.hypot(assumed.of(name.rpartition(".")[2]), spread.get(name, 0.0)))) > 0.0
     ]
     for servo, driven in driven_by.items():
         if assumed.gain > 0.0 and set(driven) & set(joints) and twin.parameter(servo).read(twin.base_model) > 0.0:
@@ -54,6 +58,19 @@ def nuisance_variables(twin: TwinModel, recordings: Sequence[Aligned], joints: S
         prior = Prior(0.0, sigma)
         found.append(OnsetVariable(f"delay.{number}", "s", -reach, reach, 0.0, recordings=tuple(members), prior=prior))
     return (*found, *_link_variables(recordings, joints))
+
+
+def _spread(twin: TwinModel) -> dict[str, float]:
+    """By name of a parameter: sigma of the logarithm of what its joint has more or less of what all joints have.
+
+    Cold grease gives no two joints the same share of their friction.
+    """
+    shared = [(t, LIBRARY[t.effect]) for t in twin.terms.effects]
+    return {
+        f"{term.target}.{effect.stands_for}": SHARED_SPREAD * abs(float(np.log1p(term.values[effect.everywhere])))
+        for term, effect in shared
+        if effect.everywhere
+    }
 
 
 def _delay_sigma_s(recording: Aligned) -> float:

@@ -49,6 +49,12 @@ ZERO_START_FACTOR = Threshold(20.0, "1", "over its lower bound: where a positive
 PARAMETER_SIGMA = Threshold(
     NominalUncertainty().gain, "1", "of the logarithm of a nominal parameter: 20 % off is within 1.7 sigma"
 )
+SHARED_SPREAD = Threshold(
+    0.1,
+    "1",
+    "of the logarithm of what all joints have more, sigma of each joint's own: one that has none of it is 10 sigma "
+    "off, one with half of it 5",
+)
 DELAY_CYCLES = Threshold(
     0.5, "cycles", "between two readings, sigma of a recorded command's time: it takes effect at the robot's next cycle"
 )
@@ -168,6 +174,13 @@ POLISH_SHARE = Threshold(0.2, "1", "of a budget for these")
 # -- trust region --------------------------------------------------------------------------------------------
 
 TRUST_STEP = Threshold(3e-3, "1", "of a variable's range, for its derivative")
+WIDER_STEPS = tuple(
+    Threshold(times, "1", "times that step: how wide a derivative may have to be to see past what is rough")
+    for times in (1.0, 4.0, 16.0)
+)
+ROUGH = Threshold(
+    1.5, "1", "times as steep by a step as by one that is four times as wide: what the short one saw is no slope"
+)
 NEAR_ZERO = Threshold(0.02, "1", "of the range: the size of a value nearer to its lower end")
 SMALLEST_RADIUS = Threshold(1e-3, "1", "of the first step: a trust region that has shrunk below it ends a descent")
 LEAST_AGREEMENT = Threshold(0.25, "1", "of the expected gain: a step that reaches less shrinks the region")

@@ -18,9 +18,11 @@ from twin_daemon.estimation.thresholds import (
     NEAR_ZERO,
     PATTERN_FIRST,
     PATTERN_LAST,
+    ROUGH,
     SHRINK,
     SMALLEST_RADIUS,
     TRUST_STEP,
+    WIDER_STEPS,
     WORTH,
 )
 from twin_daemon.estimation.variables import Variable
@@ -42,11 +44,18 @@ class Derivative:
 
     Columns in `refreshed` are differenced at every point; the others once (or are given), and then follow the
     residuals by Broyden's rank-one update (Broyden 1965), which costs no roll-out.
+
+    With `across` their steps are as wide as it takes to see past what is rough: a brake whose shoe lifts off moves a
+    little otherwise for any change, and a short step takes that for a steep slope.
     """
 
-    def __init__(self, problem: Rows, refreshed: Collection[int], known: np.ndarray | None = None) -> None:
+    def __init__(
+        self, problem: Rows, refreshed: Collection[int], known: np.ndarray | None = None, *, across: bool = False
+    ) -> None:
         self._problem = problem
         self._refreshed = sorted(refreshed)
+        self._across = across
+        self._wider: np.ndarray | None = None  # times the usual step, by column that is refreshed
         self.matrix = known
         self._at: tuple[np.ndarray, np.ndarray] | None = None
 
@@ -56,6 +65,9 @@ class Derivative:
             return self.matrix
         if self.matrix is None:
             self.matrix = differenced(self._problem, point, rows, range(len(point)))
+            if self._across and self._refreshed:
+                seen, self._wider = _seen_across(self._problem, point, rows, self._refreshed)
+                self.matrix[:, self._refreshed] = seen
         else:
             if self._at is not None:
                 moved, changed = point - self._at[0], rows - self._at[1]
@@ -64,16 +76,22 @@ class Derivative:
                     self.matrix = self.matrix + np.outer(changed - self.matrix @ moved, moved) / length
             if self._refreshed:
                 self.matrix = self.matrix.copy()
-                self.matrix[:, self._refreshed] = differenced(self._problem, point, rows, self._refreshed)
+                self.matrix[:, self._refreshed] = differenced(self._problem, point, rows, self._refreshed, self._wider)
         self._at = (point.copy(), rows.copy())
         return self.matrix
 
 
-def differenced(problem: Rows, point: np.ndarray, rows: np.ndarray, columns: Collection[int]) -> np.ndarray:
-    """(m, len(columns)) by finite differences, into the box; a variable near its lower end is stepped in proportion."""
+def differenced(
+    problem: Rows, point: np.ndarray, rows: np.ndarray, columns: Collection[int], wider: np.ndarray | None = None
+) -> np.ndarray:
+    """(m, len(columns)) by finite differences, into the box; a variable near its lower end is stepped in proportion.
+
+    The steps are so many times `wider` (len(columns),).
+    """
     chosen = list(columns)
     trials = np.repeat(point[None], len(chosen), axis=0)
     steps = np.array([_difference(problem.variables[c].log, point[c]) for c in chosen])
+    steps = steps if wider is None else steps * wider
     steps = np.where(point[chosen] > 0.5, -steps, steps)
     trials[np.arange(len(chosen)), chosen] += steps
     try:
@@ -81,6 +99,20 @@ def differenced(problem: Rows, point: np.ndarray, rows: np.ndarray, columns: Col
     except BadInput:  # beside values that cannot stand together the other side is free
         trials[np.arange(len(chosen)), chosen] -= 2.0 * steps
         return (problem.residuals(np.clip(trials, 0.0, 1.0)) - rows).T / -steps
+
+
+def _seen_across(
+    problem: Rows, point: np.ndarray, rows: np.ndarray, columns: Collection[int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """((m, k) by steps from which on a wider one finds the slope no less steep, (k,) times the usual step)."""
+    count = len(columns)
+    tried = [differenced(problem, point, rows, columns, np.full(count, wider)) for wider in WIDER_STEPS]
+    sizes = [np.linalg.norm(matrix, axis=0) for matrix in tried]
+    matrix, found = tried[-1].copy(), np.full(count, float(WIDER_STEPS[-1]))
+    for wider, steep, size, beyond in zip(WIDER_STEPS[-2::-1], tried[-2::-1], sizes[-2::-1], sizes[:0:-1], strict=True):
+        smooth = size <= ROUGH * beyond
+        matrix[:, smooth], found[smooth] = steep[:, smooth], float(wider)
+    return matrix, found
 
 
 def _difference(log: bool, unit: float) -> float:
