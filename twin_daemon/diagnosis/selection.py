@@ -77,25 +77,32 @@ def next_effect(
     finalists += [r for r in within if r not in finalists and finalists[0].hypothesis.contains(r.hypothesis)]
     limits = [first.hypothesis for first in finalists]
     finalists += [r for r in first_fits if r not in finalists and any(h.is_limit_of(r.hypothesis) for h in limits)]
+    full, further = concurrently(lambda first: part.full_fit(first, FULL_FIT_ROLLOUTS), finalists), list[Fit]()
+    held_out = concurrently_here(validation.judge, full)
+    if against is None and not outcome.accepted and not any(judged.adequate for judged in held_out):
+        # none of these is right alone: two causes may look most like a third, and each of the next may be one of them
+        more = [r for r in first_fits if r not in finalists][: max(0, FINALISTS + 1 - len(finalists))]
+        finalists += more
+        further = concurrently(lambda first: part.full_fit(first, FULL_FIT_ROLLOUTS), more)
     for first in [r for r in first_fits if r not in finalists]:
         gain = 0.5 * (screening.cost - first.cost)
         behind = 0.5 * (first.cost - first_fits[0].cost)
         reason = f"explains less: {behind:.0f} nats behind {first_fits[0].hypothesis.name}"
         outcome.tried.append(_lost(first.hypothesis, gain, reason))
         say(f"  {first.hypothesis.name}: evidence {gain:.0f} nats, {behind:.0f} less than the best")
-    full = concurrently(lambda first: part.full_fit(first, FULL_FIT_ROLLOUTS), finalists)
-    full += _limits_of(part, screening, full)
-    fits = sorted(((part.evidence_nats(fit), fit) for fit in full), key=lambda item: -item[0])
-    for evidence, fit in fits:
+    further += _limits_of(part, screening, [*full, *further])
+    held_out += concurrently_here(validation.judge, further)
+    both = zip([*full, *further], held_out, strict=True)
+    fits = sorted(((part.evidence_nats(fit), fit, judged) for fit, judged in both), key=lambda item: -item[0])
+    for evidence, fit, _ in fits:
         say(f"  {_named(fit)}: evidence {evidence:.0f} nats, {fit.chi_square:.1f} times the floor")
-    weighed = _weighed(part, screening, first_fits, [fit for _, fit in fits])
+    weighed = _weighed(part, screening, first_fits, [fit for _, fit, _ in fits])
     best: Accepted | None = None
     simpler: Accepted | None = None
     rivals: list[Accepted] = []
     others: list[Accepted] = []
     best_evidence = 0.0
-    held_out = concurrently_here(validation.judge, [fit for _, fit in fits])
-    for (evidence, fit), judged in zip(fits, held_out, strict=True):
+    for evidence, fit, judged in fits:
         hypothesis = fit.hypothesis
         assert hypothesis is not None
         reason = None
