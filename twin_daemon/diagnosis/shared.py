@@ -294,8 +294,10 @@ class SharedSearch:
     def _held_to(self, begun: _Begun, seed: int) -> _Held:
         found, slopes, there = self.settled(begun)
         looked_at = there.beside(found.cause, found.values)
-        helped = all(new.base.cost < old.base.cost for (_, old), (_, new) in zip(self._above, looked_at, strict=True))
-        return _Held(found, slopes, there, looked_at, passing(self._above, looked_at, seed), helped)
+        squares = passing(self._above, looked_at, seed)
+        both = zip(self._above, looked_at, strict=True) if looked_at else ()
+        helped = bool(looked_at) and all(new.base.cost < old.base.cost for (_, old), (_, new) in both)
+        return _Held(found, slopes, there, looked_at, squares, helped)
 
     def best(self, causes: Sequence[SharedCause], seed: int, *, most_left: float = np.inf) -> Shared | None:
         """The cause that brings the groups back to the floor, on held-out motion too; None where none does.
