@@ -135,6 +135,7 @@ def test_errors_leave_the_contact_out_and_tell_two_twins_apart(
     assert worst[1] < 0.005
 
 
+@pytest.mark.slow
 def test_what_never_moves_clear_of_a_contact_is_left_as_it_is_and_named(twin: TwinModel) -> None:
     pushed = {"rh_FFJ4": ([0.0, 6.0], [0.34, 0.34]), "rh_MFJ4": ([0.0, 6.0], [-0.34, -0.34])}
     bent = ([0, 0.5, 1.2, 2.0, 2.01, 3.0, 4.0, 5.5], [0.4, 0.4, 0.5, 0.5, 0.45, 0.55, 0.4, 0.4])

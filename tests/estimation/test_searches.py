@@ -91,7 +91,10 @@ def test_progress_tells_the_best_so_far(twin: TwinModel, worn: Aligned) -> None:
     assert told[-1][1] == pytest.approx(result.history[-1])
 
 
-@pytest.mark.parametrize("search", SEARCHES)
+@pytest.mark.parametrize(
+    "search",
+    [pytest.param(name, marks=pytest.mark.slow) if name in ("bayes", "multi-start") else name for name in SEARCHES],
+)
 def test_an_interrupt_keeps_the_best(search: str, twin: TwinModel, worn: Aligned) -> None:
     def stop(count: int, mse: float) -> None:
         if count >= 20:
