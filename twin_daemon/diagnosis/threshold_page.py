@@ -41,8 +41,8 @@ def _table(title: str, module: ModuleType) -> str:
 
 def entries(module: ModuleType) -> Iterator[tuple[str, Threshold | Count]]:
     """(name, value) of each number that a module states itself, in its order; those of a row share its name."""
-    taken = set(vars(of_estimation)) if module is not of_estimation else set()
+    taken = vars(of_estimation) if module is not of_estimation else {}
     for name, stated in vars(module).items():
-        if name not in taken:
+        if taken.get(name) is not stated:  # one that is imported, not one of the same name
             row = stated if isinstance(stated, tuple) else (stated,)
             yield from ((name, value) for value in row if isinstance(value, (Threshold, Count)))

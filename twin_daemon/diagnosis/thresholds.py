@@ -141,7 +141,9 @@ TOO_WEAK = Threshold(
 
 ADEQUATE_FLOORS = Threshold(3.0, "floors", "held-out mean square up to which a model is right: wrong effects leave 9")
 RELATIVE_ERROR = Threshold(
-    0.02, "1", "of a joint's error that a right effect may leave: right ones leave up to 0.016, wrong ones from 0.04 on"
+    0.02,
+    "1",
+    "of a joint's error that a right effect may leave: right ones left up to 0.016, friction in place of play 0.04",
 )
 AS_BEFORE = Threshold(1.5, "1", "times what a joint left that fitted well: it may not get worse by more")
 FORGIVEN_OFFSET_SIGMA = Threshold(2.0, "sigma", "of a constant offset on held-out motion, not held against a model")

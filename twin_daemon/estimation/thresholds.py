@@ -178,7 +178,7 @@ WIDER_STEPS = tuple(
     Threshold(times, "1", "times that step: how wide a derivative may have to be to see past what is rough")
     for times in (1.0, 4.0, 16.0)
 )
-ROUGH = Threshold(
+TOO_STEEP = Threshold(
     1.5, "1", "times as steep by a step as by one that is four times as wide: what the short one saw is no slope"
 )
 NEAR_ZERO = Threshold(0.02, "1", "of the range: the size of a value nearer to its lower end")

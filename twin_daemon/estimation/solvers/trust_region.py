@@ -18,9 +18,9 @@ from twin_daemon.estimation.thresholds import (
     NEAR_ZERO,
     PATTERN_FIRST,
     PATTERN_LAST,
-    ROUGH,
     SHRINK,
     SMALLEST_RADIUS,
+    TOO_STEEP,
     TRUST_STEP,
     WIDER_STEPS,
     WORTH,
@@ -66,7 +66,8 @@ class Derivative:
         if self.matrix is None:
             self.matrix = differenced(self._problem, point, rows, range(len(point)))
             if self._across and self._refreshed:
-                seen, self._wider = _seen_across(self._problem, point, rows, self._refreshed)
+                usual = self.matrix[:, self._refreshed]
+                seen, self._wider = _seen_across(self._problem, point, rows, self._refreshed, usual)
                 self.matrix[:, self._refreshed] = seen
         else:
             if self._at is not None:
@@ -102,15 +103,19 @@ def differenced(
 
 
 def _seen_across(
-    problem: Rows, point: np.ndarray, rows: np.ndarray, columns: Collection[int]
+    problem: Rows, point: np.ndarray, rows: np.ndarray, columns: Collection[int], usual: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """((m, k) by steps from which on a wider one finds the slope no less steep, (k,) times the usual step)."""
+    """((m, k) by steps from which on a wider one finds the slope no less steep, (k,) times the usual step).
+
+    `usual` (m, k) is by the usual step, the first of them.
+    """
     count = len(columns)
-    tried = [differenced(problem, point, rows, columns, np.full(count, wider)) for wider in WIDER_STEPS]
+    wider_ones = (differenced(problem, point, rows, columns, np.full(count, wider)) for wider in WIDER_STEPS[1:])
+    tried = [usual, *wider_ones]
     sizes = [np.linalg.norm(matrix, axis=0) for matrix in tried]
     matrix, found = tried[-1].copy(), np.full(count, float(WIDER_STEPS[-1]))
     for wider, steep, size, beyond in zip(WIDER_STEPS[-2::-1], tried[-2::-1], sizes[-2::-1], sizes[:0:-1], strict=True):
-        smooth = size <= ROUGH * beyond
+        smooth = size <= TOO_STEEP * beyond
         matrix[:, smooth], found[smooth] = steep[:, smooth], float(wider)
     return matrix, found
 
