@@ -80,12 +80,20 @@ def test_held_out_motion_alone_asks_for_more_to_be_a_new_law(
 
 def test_much_motion_that_is_left_out_for_what_it_touches_is_said(twin: TwinModel) -> None:
     outcome = Outcome("FF", (JOINT,), 0.5, {}, within_floor=True)
-    left_out = LeftOut(touching=["LF"], shares={"FF": 0.62, "MF": 0.3}, near=["RF"])
+    left_out = LeftOut(touching={"LF": ("rh_LFJ3",)}, shares={"FF": 0.62, "MF": 0.3}, near=["RF"])
     said = conclude(twin, (), [outcome], left_out, False)
     assert any("LF" in note for note in said.notes)
     assert any("FF (62%)" in note for note in said.notes)
     assert any("RF: seen only" in note for note in said.notes)
     assert not any("MF" in note for note in said.notes)
+
+
+def test_a_joint_that_touches_something_all_the_time_is_no_noise_where_it_is_far_beyond_all_others() -> None:
+    left_out = LeftOut(touching={"FF": ("rh_FFJ3", "rh_FFJ4")})
+    rms_rad = {"rh_FFJ3": 0.097, "rh_FFJ4": 0.004, "rh_MFJ3": 0.002, "rh_WRJ1": 0.2}
+    assert left_out.far_off(rms_rad, {"rh_MFJ3"}) == {"rh_FFJ3": 0.097}
+    assert left_out.far_off(rms_rad, {"rh_MFJ3", "rh_WRJ1"}) == {}
+    assert LeftOut().far_off(rms_rad, {"rh_MFJ3"}) == {}
 
 
 @pytest.mark.parametrize(("parts", "verdict"), [(("poor",), "not_excited"), (("poor", "rich"), "within_noise")])

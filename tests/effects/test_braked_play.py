@@ -62,15 +62,15 @@ def test_it_pulls_behind_the_gap_brakes_within_and_keeps_its_limit(arm: TwinMode
     assert np.abs(moved[:, twin.qpos_adr[0]] - wanted).max() < step_error + 0.05 * gap + 2e-4
 
 
-def test_without_a_derivative_gain_it_is_plain_play(arm: TwinModel) -> None:
+def test_without_a_derivative_gain_it_is_a_servo_that_is_silent_within_the_gap(arm: TwinModel) -> None:
     spec = arm.nominal.copy()
     spec.actuator("j").biasprm[2] = 0.0
+    spec.joint("j").damping[0] = _KV
     plain = TwinModel(arm.hand, spec, Terms())
     rows = []
-    for braked in (0.0, 1.0):
-        values = {"gap": 0.01, "motor_share": 0.2, "braked": braked}
-        twin = plain.changed(Terms(effects=(EffectTerm(effect="backlash", target="j", values=values),)))
-        rows.append(roll_out([twin.model], _commands()[None, :, None], twin.initial_qpos(np.zeros(1))[None])[0, -1])
+    for effect, values in (("backlash", {"gap": 0.01, "braked": 1.0}), ("dead_zone", {"band": 0.005})):
+        twin = plain.changed(Terms(effects=(EffectTerm(effect=effect, target="j", values=values),)))
+        rows.append(roll_out([twin.model], _commands()[None, :, None], twin.initial_qpos(np.zeros(1))[None])[0])
     np.testing.assert_array_equal(*rows)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 
 import mujoco
@@ -124,12 +124,14 @@ def test_a_small_step_in_a_parameter_is_a_small_step_in_the_motion(key: str, ben
 
 @every_effect
 def test_the_structure_does_not_depend_on_the_values(key: str, bench: Bench):
+    """But on those that say which of several laws it is."""
     effect = LIBRARY[key]
-    for target in bench.places(key):
+    laws = [{p.name: (p.lower, p.upper)[i] for p in effect.parameters if p.fixed} for i in range(2)]
+    for target, law in product(bench.places(key), laws):
         extremes = ({p.name: p.upper for p in effect.parameters}, effect.neutral(), effect.complete({}))
         sizes = set()
         for values in extremes:
-            model = bench.with_effects((key, target, values)).model
+            model = bench.with_effects((key, target, {**values, **law})).model
             sizes.add(tuple(getattr(model, name) for name in SIZES if hasattr(model, name)))
         assert len(sizes) == 1
 
@@ -238,3 +240,12 @@ def test_the_limit_of_a_law_is_reached_from_every_value_of_that_law(key: str, la
         complete = LIBRARY[key].complete(values)
         assert set(values) <= set(complete)
         assert complete != LIBRARY[key].complete(LIBRARY[key].neutral())
+
+
+@pytest.mark.parametrize(("key", "law"), [(key, law) for key, effect in LIBRARY.items() for law in effect.limit_of])
+def test_a_law_at_its_bound_moves_as_its_limit_does(key: str, law: str, bench: Bench):
+    for start in LIBRARY[key].starts(bench.twin.scale("rh_FFJ3")):
+        limit = bench.move(bench.with_effects((key, "rh_FFJ3", start)))
+        at_bound = bench.move(bench.with_effects((law, "rh_FFJ3", LIBRARY[key].as_law_at_limit(start))))
+        shown = np.sqrt(((limit - bench.still) ** 2).mean())
+        assert np.sqrt(((at_bound - limit) ** 2).mean()) < 0.1 * shown

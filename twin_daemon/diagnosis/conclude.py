@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from twin_daemon.comparison.conditions import errors_by_condition
+from twin_daemon.comparison.conditions import ConditionError, errors_by_condition
 from twin_daemon.diagnosis.candidates import Hypothesis
 from twin_daemon.diagnosis.far_off import beyond_any_hand
 from twin_daemon.diagnosis.fit import Fit, own_estimates
@@ -152,6 +152,9 @@ def conclude(
     unsettled = [o for o in above if o.left <= 1.0 and not o.accepted and o.chi_square > FLOOR_CHI_SQUARE]
     ambiguous = [f for f in findings if f.confusable_with or (f.probability or 0.0) < SURE]
     unfinished = [o for o in above if o.unfinished]
+    errors = errors_by_condition((recording, predict(twin, recording)) for recording in train)
+    rms_rad = {error.joint: error.rmse_rad / error.times_average for error in errors}
+    unseen = left_out.far_off(rms_rad, {joint for o in outcomes for joint in o.joints})
     verdict: VerdictName
     if interrupted and not outcomes:
         verdict, reason = "unexplained", "interrupted before any part of the hand was judged"
@@ -161,6 +164,10 @@ def conclude(
         reason = f"{which}: touching something, or too short: record some seconds clear of contacts"
     elif all(o.within_floor and o.undetectable for o in outcomes):
         verdict, reason = "not_excited", _too_poor(outcomes[0])
+    elif not above and not shared and unseen:
+        verdict = "not_excited"
+        which = ", ".join(f"{joint} ({1e3 * rms:.0f} mrad off)" for joint, rms in unseen.items())
+        reason = f"{which}: touching something nearly all the time: record some seconds clear of contacts"
     elif not above and not shared:
         verdict, reason = "within_noise", "what is left is what the sensors and the time step leave of a right model"
     elif unfinished:
@@ -196,7 +203,7 @@ def conclude(
         probabilities=probabilities,
         causes=tuple(dict(one) for one in places),
         tried=tuple(t for o in outcomes for t in o.tried),
-        where=where_it_fails(twin, train),
+        where=_where_it_fails(errors),
         parts={
             o.name: PartSummary(
                 joints=o.joints,
@@ -293,9 +300,8 @@ def _finding(accepted: Accepted, unknown: float) -> Finding:
     )
 
 
-def where_it_fails(twin: TwinModel, recordings: Sequence[Aligned]) -> tuple[Failure, ...]:
+def _where_it_fails(errors: Sequence[ConditionError]) -> tuple[Failure, ...]:
     """Joints and what they were doing where the errors are largest, worst first."""
-    errors = errors_by_condition((recording, predict(twin, recording)) for recording in recordings)
     return tuple(
         Failure(
             joint=error.joint,

@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from twin_daemon.diagnosis.thresholds import MUCH_TOUCHED
+from twin_daemon.diagnosis.thresholds import FAR_BEYOND_OTHERS, MUCH_TOUCHED
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.estimation.thresholds import CONTACT_MARGIN_M
 
 
 @dataclass
 class LeftOut:
-    """Groups that touch something nearly all the time; the share of motion that was left out of others by group; and
-    groups at which only motion near something else showed an error.
+    """Groups that touch something nearly all the time, with their joints; the share of motion that was left out of
+    others by group; and groups at which only motion near something else showed an error.
     """
 
-    touching: list[str] = field(default_factory=list)
+    touching: dict[str, tuple[str, ...]] = field(default_factory=dict)
     shares: Mapping[str, float] = field(default_factory=dict)
     near: Sequence[str] = ()
 
     def cut(self, reduction: Reduction, groups: Sequence[Reduced]) -> None:
         """Notes how much of the motion of groups a reduction leaves out."""
         self.shares = {group.name: reduction.share_touching(group.joints) for group in groups}
+
+    def far_off(self, rms_rad: Mapping[str, float], judged: Collection[str]) -> dict[str, float]:
+        """{joint: rms error (rad)} of what touches something, where it is far beyond that of all that was judged."""
+        touching = {joint for joints in self.touching.values() for joint in joints}
+        bar = FAR_BEYOND_OTHERS * max((rms for joint, rms in rms_rad.items() if joint in judged), default=0.0)
+        return {joint: rms for joint, rms in rms_rad.items() if joint in touching and rms > bar}
 
     def notes(self) -> tuple[str, ...]:
         """What an answer says of it, for people."""

@@ -15,6 +15,7 @@ from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.estimation.thresholds import LEAST_CLEAR_S
 from twin_daemon.executor import concurrently_here
 from twin_daemon.processes import Say
+from twin_daemon.simulation.submodel import Part
 from twin_daemon.simulation.twin import TwinModel
 
 
@@ -22,16 +23,19 @@ def when_near(
     twin: TwinModel,
     reduction: Reduction,
     looked_at: Sequence[tuple[Reduced, PartFit]],
+    unseen: Sequence[tuple[Part, Sequence[str]]],
     outcomes: list[Outcome],
     seed: int,
     say: Say,
-) -> tuple[Reduction, list[tuple[Reduced, PartFit]]]:
-    """(a reduction that leaves out only touches that readings show; the groups at which something is missing there).
+) -> tuple[Reduction, list[tuple[Reduced, PartFit]], list[Reduced]]:
+    """(a reduction that leaves out only touches that readings show; the groups at which something is missing there;
+    those of the `unseen` that it lets see).
 
     Neighbouring fingers pass each other within the millimetre that counts as a touch, half of the time. A reading that
     is off shows no touch where there is one, so that motion which is clear even then is asked first, and has to find
     nothing. Of the groups `looked_at` those are fitted anew whose fit to it does not foresee the other motion. What
-    the groups that are found here said of it is taken out of `outcomes`.
+    the groups that are found here said of it is taken out of `outcomes`. The `unseen` are near something all the time,
+    as a reading that is off by much may make a finger seem to be.
     """
     nearer = reduction.where_near()
     more = [
@@ -39,9 +43,11 @@ def when_near(
         for group, part in looked_at
         if nearer.clear_s(group.joints) > reduction.clear_s(group.joints) + LEAST_CLEAR_S
     ]
-    if not more:
-        return reduction, []
-    say(f"{', '.join(group.name for group, _ in more)}: once more, with the motion in which something only comes near")
+    fresh = [group for group in nearer.each(twin, unseen) if group is not None]
+    if not more and not fresh:
+        return reduction, [], []
+    names = [*(group.name for group, _ in more), *(group.name for group in fresh)]
+    say(f"{', '.join(names)}: once more, with the motion in which something only comes near")
 
     def unforeseen(one: tuple[Reduced, PartFit]) -> tuple[Reduced, PartFit] | None:
         group, part = one
@@ -55,7 +61,7 @@ def when_near(
     above = above_floor(again, [], seed, say, seen=True)
     found = {part.joints for _, part in above}
     outcomes[:] = [outcome for outcome in outcomes if outcome.joints not in found]
-    return nearer, above
+    return nearer, above + above_floor(concurrently_here(look, fresh), outcomes, seed, say), fresh
 
 
 def _foresees(part: PartFit, near: Reduced) -> bool:

@@ -66,7 +66,8 @@ def diagnose(
             chosen = [(g, own) for g in drive_groups(twin) if (own := [n for n in moving if n in g.joints])]
             cut = reduction.each(twin, chosen)
             groups = [reduced for reduced in cut if reduced is not None]
-            left_out.touching = [g.name for (g, _), reduced in zip(chosen, cut, strict=True) if reduced is None]
+            unseen = [one for one, reduced in zip(chosen, cut, strict=True) if reduced is None]
+            left_out.touching = {group.name: tuple(own) for group, own in unseen}
             left_out.cut(reduction, groups)
             looked_at = begun = concurrently(at_nominal, groups)
             with limit.enforced():
@@ -90,7 +91,10 @@ def diagnose(
             elif not above and shared is None:
                 shared = in_common(twin, reduction, looked_at, seed, say)
             if not above and shared is None:
-                reduction, above = when_near(twin, reduction, looked_at, outcomes, seed, say)
+                reduction, above, seen = when_near(twin, reduction, looked_at, unseen, outcomes, seed, say)
+                groups += seen
+                for group in seen:
+                    left_out.touching.pop(group.name, None)
                 left_out.cut(reduction, groups)
                 left_out.near = [reduced.name for reduced, _ in above]
             while shared is not None:

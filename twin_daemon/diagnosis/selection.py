@@ -91,9 +91,11 @@ def next_effect(
         outcome.tried.append(_lost(first.hypothesis, gain, reason))
         say(f"  {first.hypothesis.name}: evidence {gain:.0f} nats, {behind:.0f} less than the best")
     further += _limits_of(part, screening, [*full, *further])
+    further += _laws_at_limits(part, screening, [*full, *further])
     held_out += concurrently_here(validation.judge, further)
     both = zip([*full, *further], held_out, strict=True)
-    fits = sorted(((part.evidence_nats(fit), fit, judged) for fit, judged in both), key=lambda item: -item[0])
+    by_evidence = sorted(((part.evidence_nats(fit), fit, judged) for fit, judged in both), key=lambda item: item[0])
+    fits = sorted({_named(fit[1]): fit for fit in by_evidence}.values(), key=lambda item: -item[0])
     for evidence, fit, _ in fits:
         say(f"  {_named(fit)}: evidence {evidence:.0f} nats, {fit.chi_square:.1f} times the floor")
     weighed = _weighed(part, screening, first_fits, [fit for _, fit, _ in fits])
@@ -199,6 +201,29 @@ def _limits_of(part: PartFit, screening: Screening, laws: Sequence[Fit]) -> list
     def fitted_from(pair: tuple[Hypothesis, Fit]) -> Fit:
         hypothesis, law = pair
         return fitted_at(part, hypothesis, hypothesis.effect.as_limit_of(law.values), law.nuisances)
+
+    return concurrently_here(fitted_from, pairs)
+
+
+def _laws_at_limits(part: PartFit, screening: Screening, limits: Sequence[Fit]) -> list[Fit]:
+    """The laws that become fitted ones at a bound of theirs, fitted from there where they have not come as far.
+
+    At that bound a law does what its limit does: one that is worse has ended in a hollow of its own.
+    """
+    costs = {_named(fit): fit.cost for fit in limits}
+    pairs = [
+        (law, limit)
+        for limit in limits
+        for law in screening.candidates
+        if limit.hypothesis
+        and limit.hypothesis.is_limit_of(law)
+        and costs.get(law.name, np.inf) > limit.cost + DECISIVE_NATS
+    ]
+
+    def fitted_from(pair: tuple[Hypothesis, Fit]) -> Fit:
+        law, limit = pair
+        assert limit.hypothesis is not None
+        return fitted_at(part, law, limit.hypothesis.effect.as_law_at_limit(limit.values), limit.nuisances)
 
     return concurrently_here(fitted_from, pairs)
 

@@ -169,5 +169,8 @@ TELLING = Threshold(3.0, "floors", "of expected difference, rms: less is said to
 # -- what is shown -------------------------------------------------------------------------------------------
 
 MOST_NAMED = Count(6, "effects", "named in a reason, of those that a motion could not have shown")
+FAR_BEYOND_OTHERS = Threshold(
+    3.0, "1", "times the worst error of joints that were judged: one that was not is no noise beyond it"
+)
 MUCH_TOUCHED = Threshold(0.5, "1", "of its motion in which a group touches something: above it that is said")
 WORST_SHOWN = Count(12, "rows", "of joints and conditions where the model fails most")

@@ -41,7 +41,7 @@ class UnitSearch:
     say: Say
     most_effects: int
     outcomes: list[Outcome]
-    touching: list[str]
+    touching: dict[str, tuple[str, ...]]
     late: frozenset[str] = frozenset()
 
     def search(self, unit: Sequence[tuple[Reduced, PartFit]], begins: EffectTerm | None = None) -> None:
@@ -86,7 +86,7 @@ class UnitSearch:
         try:
             whole = self.reduction.together(twin, [reduced for reduced, _ in left])
             if whole is None:
-                self.touching.append(left[0][0].name)
+                self.touching[left[0][0].name] = tuple(name for reduced, _ in left for name in reduced.joints)
                 return None
             reduced, part = look(whole)
         except OutOfTime:

@@ -26,7 +26,8 @@ class Backlash(Effect):
 
     In models of arms a derivative gain often stands for what brakes the joint as well. Where that acts on the joint
     itself (`braked`), the motor is taken to weigh nothing: then it is in place at once, and within the gap the servo
-    only brakes.
+    only brakes. Without a derivative gain it does nothing there; a motor of its own that is as light would need a
+    smaller time step.
     """
 
     key = "backlash"
@@ -45,7 +46,7 @@ class Backlash(Effect):
             1.0,
             0.0,
             0.0,
-            "1 where the servo's derivative gain acts on the joint itself",
+            "1 where the motor weighs nothing, and the servo's derivative gain acts on the joint itself",
             fixed=True,
         ),
     )
@@ -59,8 +60,9 @@ class Backlash(Effect):
     confusable = ("coulomb_friction", "hysteresis", "tendon_elasticity", "sensor_offset")
 
     def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:
-        if values["braked"] > 0.5 and brakes_itself(spec, place):
-            separate_derivative(spec, place)
+        if values["braked"] > 0.5:
+            if brakes_itself(spec, place):
+                separate_derivative(spec, place)
             silent_within(spec, place, 0.5 * values["gap"])
             return
         link = motor_side(spec, place, values["motor_share"])

@@ -311,6 +311,10 @@ class Effect(ABC):
         """This effect's values where one of `limit_of` at the given values comes to its bound."""
         raise NotImplementedError(f"{self.key} is no limit of another effect")
 
+    def as_law_at_limit(self, values: Mapping[str, float]) -> dict[str, float]:
+        """The values of one of `limit_of` at the bound where it does what this effect does at the given ones."""
+        raise NotImplementedError(f"{self.key} is no limit of another effect")
+
     def starts_everywhere(self) -> tuple[dict[str, float], ...]:
         """Finite-size values to start from where all joints have it alike; none where no joint's scale is needed."""
         return ()

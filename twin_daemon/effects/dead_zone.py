@@ -9,6 +9,7 @@ import numpy as np
 
 from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Seen, Story
 from twin_daemon.effects.silence import silent_within
+from twin_daemon.effects.transmission import MOTOR_SHARE
 
 
 class DeadZone(Effect):
@@ -18,7 +19,7 @@ class DeadZone(Effect):
     that it has.
 
     Play behind a motor that weighs nothing is the same law, as within its gap such a motor goes to the target at once:
-    backlash with a small `motor_share`. Only a motor whose own inertia and damping show tells the two apart.
+    backlash with a small `motor_share`, or `braked`. Only a motor whose own inertia and damping show tells them apart.
     """
 
     key = "dead_zone"
@@ -42,6 +43,10 @@ class DeadZone(Effect):
     def as_limit_of(self, values: Mapping[str, float]) -> dict[str, float]:
         """A band as wide as the play."""
         return {"band": 0.5 * values["gap"]}
+
+    def as_law_at_limit(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Play of a motor that weighs nothing. Where the servo brakes, it brakes within the gap as well."""
+        return {"gap": 2.0 * values["band"], "motor_share": MOTOR_SHARE.lower, "braked": 1.0}
 
     def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:
         silent_within(spec, place, values["band"])
