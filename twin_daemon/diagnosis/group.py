@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from twin_daemon.diagnosis.part_fit import PartFit
-from twin_daemon.diagnosis.screening import over_some
 from twin_daemon.diagnosis.thresholds import (
     SCREENED_S,
     SHARED_NEARER,
@@ -13,7 +12,7 @@ from twin_daemon.diagnosis.thresholds import (
 from twin_daemon.estimation.partition import Reduced
 from twin_daemon.estimation.posterior import Posterior
 from twin_daemon.estimation.solvers.trust_region import Derivative, descend, differenced
-from twin_daemon.estimation.variables import Variable
+from twin_daemon.estimation.variables import Variable, over_some
 from twin_daemon.estimation.windows import spread
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from twin_daemon.diagnosis.candidates import Hypothesis
 from twin_daemon.diagnosis.fit import FirstFit, Fit, as_fit, moved_parameters, own_columns
-from twin_daemon.diagnosis.further_starts import begun_ends, box_moved, nominal_again, other_ends
+from twin_daemon.diagnosis.full_fit import fitted_to_the_end
 from twin_daemon.diagnosis.in_turn import by_motion, fitted_too
 from twin_daemon.diagnosis.thresholds import (
     ADEQUATE_FLOORS,
@@ -20,7 +20,6 @@ from twin_daemon.diagnosis.thresholds import (
     DELAY_ROUNDS,
     DEVIATING_SIGMA,
     FORBIDDEN_SIGMA,
-    GONE_FAR,
     HARDLY_FURTHER,
     LEAST_SHARE_OF_ERROR,
     MOST_OF_EXCESS,
@@ -33,7 +32,7 @@ from twin_daemon.diagnosis.verdict import MovedParameter
 from twin_daemon.estimation.floor import floor_variance
 from twin_daemon.estimation.nuisances import beside, carried_over, nuisance_variables
 from twin_daemon.estimation.posterior import Correction, Posterior, floor_and_corrections, tolerated
-from twin_daemon.estimation.solvers.trust_region import Derivative, Descent, descend, differenced, searched
+from twin_daemon.estimation.solvers.trust_region import Derivative, Descent, descend, differenced
 from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
 from twin_daemon.estimation.uncertainty import conditional_information
 from twin_daemon.estimation.variables import EffectVariable, OnsetVariable
@@ -315,18 +314,12 @@ class PartFit:
         )
 
     def full_fit(self, first: FirstFit, evaluations: int) -> Fit:
-        """The fit on all motion, with the time step's error and all derivatives taken where it has come to.
-
-        Once more from where that has come to, if it has gone far, or to the end of what is near; and once more with
-        what may only have made up for other values on the way put back: what began at an end of its range, where a law
-        is simpler, what has come to an end of it, where another law begins at the other, and nuisances that are far
-        off.
-        """
+        """The fit on all motion of what was begun on some of it."""
         return self.ended(first.hypothesis, first.problem, first.point, evaluations)
 
     def ended(self, hypothesis: Hypothesis, problem: Posterior, point: np.ndarray, evaluations: int) -> Fit:
         """As `full_fit`, of a problem of this part from a point (p,)."""
-        return as_fit(hypothesis, *self._full_fit(hypothesis, problem, point, evaluations))
+        return as_fit(hypothesis, *fitted_to_the_end(hypothesis, problem, point, evaluations))
 
     def full_fit_together(self, fits: Sequence[Fit], evaluations: int, asked: Fit) -> list[Fit]:
         """Several effects fitted at once, to the same end as one is.
@@ -337,39 +330,11 @@ class PartFit:
         assert asked.hypothesis is not None
         problem = self.problem_with(*pairs)
         ends = [
-            self._full_fit(asked.hypothesis, problem, problem.start_from(known), evaluations)
+            fitted_to_the_end(asked.hypothesis, problem, problem.start_from(known), evaluations)
             for known in (asked.nuisances, {})
         ]
         problem, found = min(ends, key=lambda end: float(end[1].rows @ end[1].rows))
         return [as_fit(hypothesis, problem, found) for hypothesis, _ in pairs]
-
-    def _full_fit(
-        self, hypothesis: Hypothesis, problem: Posterior, point: np.ndarray, evaluations: int
-    ) -> tuple[Posterior, Descent]:
-        fit = self._descended(hypothesis, problem, point, evaluations)
-        while (begins := box_moved(fit)) is not None:
-            again = self._descended(hypothesis, *begins, evaluations)
-            if again.cost > GONE_FAR * fit.cost:
-                break
-            fit, problem = again, begins[0]
-        for put_back in (begun_ends, other_ends, nominal_again):
-            point = put_back(fit)
-            if not np.array_equal(point, fit.point):
-                again = self._descended(hypothesis, problem, point, evaluations)
-                fit = min(fit, again, key=lambda one: one.cost)
-        rows = fit.problem.residuals(fit.point[None])[0]
-        reached = Descent(fit.point, rows, fit.slopes, fit.cost)
-        return fit.problem, searched(fit.problem, reached, own_columns(fit.problem))
-
-    def _descended(self, hypothesis: Hypothesis, problem: Posterior, point: np.ndarray, evaluations: int) -> Fit:
-        for _ in range(2):
-            problem = problem.corrected(problem.corrections_at(point))
-            derivative = Derivative(problem, own_columns(problem), across=True)
-            found = descend(problem, point, derivative, evaluations=evaluations)
-            point = found.point
-            if found.rows @ found.rows > GONE_FAR * found.began:
-                break
-        return as_fit(hypothesis, problem, found)  # pyright: ignore[reportPossiblyUnboundVariable]
 
     def together(self, fits: Sequence[Fit], evaluations: int) -> list[Fit]:
         """Several effects that were found one after another, fitted at once; the same fit seen from each of them."""

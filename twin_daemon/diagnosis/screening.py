@@ -17,9 +17,8 @@ from twin_daemon.errors import BadInput
 from twin_daemon.estimation.nuisances import factors
 from twin_daemon.estimation.posterior import Posterior
 from twin_daemon.estimation.solvers.trust_region import Derivative, descend, differenced
-from twin_daemon.estimation.variables import OnsetVariable, Variable
+from twin_daemon.estimation.variables import Variable, over_some
 from twin_daemon.executor import concurrently
-from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
 
 
@@ -280,12 +279,3 @@ class Screening:
                         slopes[:data, index] -= anchor.columns[:data, columns[name]]
         slopes[data:] = priors
         return slopes
-
-
-def over_some(
-    variables: Sequence[Variable], recordings: Sequence[Aligned], some: Sequence[Aligned]
-) -> tuple[Variable, ...]:
-    """The same variables, with the recordings whose onsets they move counted over some of all."""
-    left = {id(r): index for index, r in enumerate(some)}
-    place = {index: left[id(r)] for index, r in enumerate(recordings) if id(r) in left}
-    return tuple(v.over(place) if isinstance(v, OnsetVariable) else v for v in variables)

@@ -6,7 +6,7 @@ between the bounds, 0 to 1, on a logarithmic scale where it has one.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Self, TypeAlias
 
@@ -19,6 +19,7 @@ from twin_daemon.estimation.thresholds import (
     AT_BOUND_SHARE,
     CHANGED_BEFOREHAND,
 )
+from twin_daemon.simulation.alignment import Aligned
 
 
 @dataclass(frozen=True)
@@ -242,3 +243,12 @@ def effect_variable(
         parameter=parameter.name,
         joints=joints,
     )
+
+
+def over_some(
+    variables: Sequence[Variable], recordings: Sequence[Aligned], some: Sequence[Aligned]
+) -> tuple[Variable, ...]:
+    """The same variables, with the recordings whose onsets they move counted over some of all."""
+    left = {id(r): index for index, r in enumerate(some)}
+    place = {index: left[id(r)] for index, r in enumerate(recordings) if id(r) in left}
+    return tuple(v.over(place) if isinstance(v, OnsetVariable) else v for v in variables)

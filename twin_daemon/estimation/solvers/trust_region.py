@@ -59,6 +59,12 @@ class Derivative:
         self.matrix = known
         self._at: tuple[np.ndarray, np.ndarray] | None = None
 
+    def of(self, problem: Rows) -> Derivative:
+        """The same of a problem whose rows differ by what hardly hangs on the point, going on from what is known."""
+        other = Derivative(problem, self._refreshed, self.matrix, across=self._across)
+        other._wider = self._wider
+        return other
+
     def __call__(self, point: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """(m, p) at a point whose rows (m,) are known."""
         if self._at is not None and self.matrix is not None and np.array_equal(point, self._at[0]):
