@@ -78,7 +78,9 @@ SURE_FLOOR_SIGMA = Threshold(
     "sigma",
     "of a nuisance or an offset from its prior: beyond it a part is not at its floor, however little is left",
 )
-LEAST_SHARE_OF_ERROR = Threshold(0.04, "1", "of a part's error: joints with less are not suspected beside worse ones")
+LEAST_SHARE_OF_ERROR = Threshold(
+    0.04, "1", "of the error at worse joints: where there is less, no cause is looked for beside them"
+)
 MOVED_SIGMA = Threshold(
     1.0, "sigma", "of a nuisance beside a candidate: the fit is begun once more with all of them nominal"
 )

@@ -12,7 +12,7 @@ from twin_daemon.diagnosis.group import look
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.part_search import PartSearch, Progress, begun_outcome
 from twin_daemon.diagnosis.screening import AskedBefore
-from twin_daemon.diagnosis.thresholds import GONE_FAR
+from twin_daemon.diagnosis.thresholds import GONE_FAR, LEAST_SHARE_OF_ERROR
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.processes import Say
 from twin_daemon.processor_time import OutOfTime
@@ -49,8 +49,9 @@ class UnitSearch:
 
         What is found at the worst one often is all: its neighbours were told a wrong motion of it, or a wrong load. So
         they are looked at anew with it. Where no effect of one group explains it, all that are left are searched as
-        one, as are those that feel an effect which is known to be the first there (`begins`). Of a search for no effect
-        of a group each of them only says what it leaves.
+        one, unless it has nearly all of the error, as a cause at another joint shows there, too; so are those that feel
+        an effect which is known to be the first there (`begins`). Of a search for no effect of a group each of them
+        only says what it leaves.
         """
         if not self.most_effects:
             self.outcomes.extend(begun_outcome(reduced, part) for reduced, part in unit)
@@ -64,6 +65,10 @@ class UnitSearch:
             outcome = self._searched(twin, part, reduced)
             enough = outcome.explains or (self._one_each and outcome.left <= 1.0)
             if not outcome.accepted or not enough:
+                if _is_nearly_all(left):
+                    # what it lacks is not in the library, and may as well be what the others feel
+                    self.outcomes.extend([outcome, *(begun_outcome(*other) for other in left[1:])])
+                    return
                 first = outcome
                 break
             self.outcomes.append(outcome)
@@ -161,6 +166,22 @@ class UnitSearch:
         fits = [found.fit for found in first.accepted]
         beside = PartFit(terms, again.train, again.joints, after=fits[-1], found=fits)
         return look(again) if beside.base.cost < GONE_FAR * begun.part.base.cost else None
+
+
+def _is_nearly_all(groups: Sequence[tuple[Reduced, PartFit]]) -> bool:
+    """Whether of several groups the first has nearly all of the error, in floors and as torque at its servo.
+
+    What another one lacks, a load at its link for one, is not seen less there for a servo that is stiffer.
+    """
+    floors = [float((part.times_floor - 1.0).max()) for _, part in groups]
+    torques = [
+        max(
+            (times - 1.0) * floor * part.twin.scale(joint).kp ** 2
+            for joint, times, floor in zip(part.joints, part.times_floor, part.floor, strict=True)
+        )
+        for _, part in groups
+    ]
+    return all(other < LEAST_SHARE_OF_ERROR * worst for worst, *rest in (floors, torques) for other in rest)
 
 
 def _asked(outcome: Outcome) -> AskedBefore | None:
