@@ -28,7 +28,7 @@ from twin_daemon.diagnosis.thresholds import (
     RACE_ROLLOUTS,
     SUSPECT_SIGMA,
 )
-from twin_daemon.diagnosis.validation import Validation
+from twin_daemon.diagnosis.validation import HeldOut, Validation
 from twin_daemon.diagnosis.verdict import Trial
 from twin_daemon.executor import concurrently, concurrently_here
 from twin_daemon.processes import Say
@@ -94,8 +94,7 @@ def next_effect(
     further += _laws_at_limits(part, screening, [*full, *further])
     held_out += concurrently_here(validation.judge, further)
     both = zip([*full, *further], held_out, strict=True)
-    by_evidence = sorted(((part.evidence_nats(fit), fit, judged) for fit, judged in both), key=lambda item: item[0])
-    fits = sorted({_named(fit[1]): fit for fit in by_evidence}.values(), key=lambda item: -item[0])
+    fits = _best_of_each([(part.evidence_nats(fit), fit, judged) for fit, judged in both])
     for evidence, fit, _ in fits:
         say(f"  {_named(fit)}: evidence {evidence:.0f} nats, {fit.chi_square:.1f} times the floor")
     weighed = _weighed(part, screening, first_fits, [fit for _, fit, _ in fits])
@@ -205,8 +204,22 @@ def _limits_of(part: PartFit, screening: Screening, laws: Sequence[Fit]) -> list
     return concurrently_here(fitted_from, pairs)
 
 
+def _best_of_each(fits: Sequence[tuple[float, Fit, HeldOut]]) -> list[tuple[float, Fit, HeldOut]]:
+    """Of (evidence in nats, fit, how it was judged) one for each candidate, those with the most evidence first.
+
+    Of fits of one law that the data do not tell apart the one that is right on held-out motion counts.
+    """
+    found = []
+    for name in {_named(fit): None for _, fit, _ in fits}:
+        own = [item for item in fits if _named(item[1]) == name]
+        most, best, _ = max(own, key=lambda item: item[0])
+        near = [item for item in own if most - item[0] < decisive(best)]
+        found.append(max(near, key=lambda item: (item[2].adequate, item[0])))
+    return sorted(found, key=lambda item: -item[0])
+
+
 def _laws_at_limits(part: PartFit, screening: Screening, limits: Sequence[Fit]) -> list[Fit]:
-    """The laws that become fitted ones at a bound of theirs, fitted from there where they have not come as far.
+    """The laws that become fitted ones at a bound of theirs, fitted from there where they are not clearly better.
 
     At that bound a law does what its limit does: one that is worse has ended in a hollow of its own.
     """
@@ -217,7 +230,7 @@ def _laws_at_limits(part: PartFit, screening: Screening, limits: Sequence[Fit]) 
         for law in screening.candidates
         if limit.hypothesis
         and limit.hypothesis.is_limit_of(law)
-        and costs.get(law.name, np.inf) > limit.cost + DECISIVE_NATS
+        and costs.get(law.name, np.inf) > limit.cost - 2.0 * DECISIVE_NATS
     ]
 
     def fitted_from(pair: tuple[Hypothesis, Fit]) -> Fit:
