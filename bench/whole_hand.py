@@ -5,6 +5,7 @@ python -m bench.whole_hand
 
 from __future__ import annotations
 
+import argparse
 import json
 import subprocess
 import sys
@@ -31,6 +32,7 @@ _CASES: tuple[tuple[str, ...], ...] = (
 
 def main() -> None:
     """One line a case: what was hidden, how long it took from the command to its end, and the answer."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     hand = load_hand()
     twin = str(Path(sys.executable).parent / "twin")
     with tempfile.TemporaryDirectory() as name:
