@@ -126,7 +126,8 @@ def test_a_small_step_in_a_parameter_is_a_small_step_in_the_motion(key: str, ben
 def test_the_structure_does_not_depend_on_the_values(key: str, bench: Bench):
     """But on those that say which of several laws it is."""
     effect = LIBRARY[key]
-    laws = [{p.name: (p.lower, p.upper)[i] for p in effect.parameters if p.fixed} for i in range(2)]
+    fixed = {p.name: (p.lower, p.upper) for p in effect.parameters if p.fixed}
+    laws = [dict(zip(fixed, values, strict=True)) for values in product(*fixed.values())]
     for target, law in product(bench.places(key), laws):
         extremes = ({p.name: p.upper for p in effect.parameters}, effect.neutral(), effect.complete({}))
         sizes = set()

@@ -47,13 +47,10 @@ def fitted_to_the_end(
 
 
 def _descended(hypothesis: Hypothesis, problem: Posterior, point: np.ndarray, evaluations: int) -> Fit:
-    derivative: Derivative | None = None
+    derivative = Derivative(problem, own_columns(problem), across=True)
     for _ in range(2):
         problem = problem.corrected(problem.corrections_at(point))
-        if derivative is None:
-            derivative = Derivative(problem, own_columns(problem), across=True)
-        else:  # what the time step gets wrong hardly hangs on the values
-            derivative = derivative.of(problem)
+        derivative = derivative.of(problem)  # what the time step gets wrong hardly hangs on the values
         found = descend(problem, point, derivative, evaluations=evaluations)
         point = found.point
         if found.rows @ found.rows > GONE_FAR * found.began:
@@ -74,10 +71,8 @@ def _on_some_motion(fit: Fit, point: np.ndarray) -> np.ndarray | None:
     problem = whole.over(
         kept, over_some(whole.variables, whole.recordings, kept), [whole.corrections[i] for i in places]
     )
-    sizes = [len(r.time_s) * len(whole.objective) for r in whole.recordings]
-    ends = np.cumsum(sizes)
-    rows = np.concatenate([np.arange(ends[i] - sizes[i], ends[i]) for i in places])
-    slopes = np.concatenate([fit.slopes[rows], fit.slopes[ends[-1] :]])
+    blocks = whole.blocks()
+    slopes = np.concatenate([*(fit.slopes[slice(*blocks[i])] for i in places), fit.slopes[blocks[-1][1] :]])
     own = own_columns(problem)
     here, there = (
         descend(problem, begin, Derivative(problem, own, slopes), evaluations=count)

@@ -61,13 +61,13 @@ def without_each(
 
     `inflation` is the residual over its floor: what is above it is no noise of the size assumed.
     """
-    ends = np.cumsum([0, *(len(r.time_s) * len(problem.objective) for r in problem.recordings)])
+    blocks = problem.blocks()
     rows = problem.residuals(point[None])[0]
     found = {}
     for motion, members in by_motion(problem.recordings).items():
         own = np.zeros(len(rows), bool)
         for index in members:
-            own[ends[index] : ends[index + 1]] = True
+            own[slice(*blocks[index])] = True
         others = slopes[~own]
         information = others.T @ others / inflation + BOX_INFORMATION * np.eye(len(point))
         step = np.linalg.solve(information, slopes[own].T @ rows[own] / inflation)

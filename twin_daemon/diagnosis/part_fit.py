@@ -202,7 +202,7 @@ class PartFit:
         columns = {v.name: i for i, v in enumerate(fit.problem.variables)}
         if not all(v.name in columns for v in self.variables):
             return None
-        data = self.blocks()[-1][1]
+        data = self.problem.blocks()[-1][1]
         slopes = fit.slopes[:data, [columns[v.name] for v in self.variables]]
         return np.concatenate([slopes, self.problem.prior_slopes()])
 
@@ -274,12 +274,6 @@ class PartFit:
         for group in self.groups:
             found |= group if group & found else set()
         return (found & set(self.joints)) or set(self.joints)
-
-    def blocks(self) -> list[tuple[int, int]]:
-        """Where the rows of each recording are."""
-        sizes = [len(r.time_s) * len(self.joints) for r in self.recordings]
-        ends = np.cumsum(sizes)
-        return [(int(end - size), int(end)) for size, end in zip(sizes, ends, strict=True)]
 
     def _along(self, hypothesis: Hypothesis, variable: EffectVariable, spoken: set[str]) -> EffectVariable:
         """A candidate's variable that takes along what the nuisance did that it speaks for, such as a servo's gain.

@@ -78,7 +78,7 @@ class Screening:
         """
         self._part, self._before = part, before
         rows = part.problem.residuals(part.base.point[None])[0]
-        blocks = part.blocks()
+        blocks = part.problem.blocks()
         costs = [float((rows[a:b] ** 2).sum()) / max(b - a, 1) for a, b in blocks]
         taken: list[int] = []
         for index in np.argsort(costs)[::-1]:

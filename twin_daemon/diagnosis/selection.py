@@ -221,7 +221,7 @@ def _best_of_each(fits: Sequence[tuple[float, Fit, HeldOut]]) -> list[tuple[floa
 def _laws_at_limits(part: PartFit, screening: Screening, limits: Sequence[Fit]) -> list[Fit]:
     """The laws that become fitted ones at a bound of theirs, fitted from there where they are not clearly better.
 
-    At that bound a law does what its limit does: one that is worse has ended in a hollow of its own.
+    At that bound a law does what its limit does: one that is worse has ended in a local optimum.
     """
     costs = {_named(fit): fit.cost for fit in limits}
     pairs = [

@@ -103,6 +103,12 @@ class Posterior(Problem):
             seen = seen * self._counts[index]
         return Whitening(seen, np.sqrt(self.floor * self._tau[index]))
 
+    def blocks(self) -> list[tuple[int, int]]:
+        """Where the rows of each recording are; those of the priors come behind all of them."""
+        sizes = [len(r.time_s) * len(self.objective) for r in self.recordings]
+        ends = np.cumsum(sizes)
+        return [(int(end - size), int(end)) for size, end in zip(sizes, ends, strict=True)]
+
     @property
     def uncertainty_cost(self) -> float:
         """What it costs (-2 log posterior) that samples are uncertain beyond the floor: the log of their variance.
