@@ -13,9 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from twin_daemon.estimation.problem import Problem
 from twin_daemon.estimation.solvers import Search
 from twin_daemon.estimation.solvers.tracker import BudgetSpent, Progress, Tracker
 from twin_daemon.estimation.subproblems import SubProblem
+from twin_daemon.estimation.windows import length_s
 from twin_daemon.executor import places, side_by_side
 from twin_daemon.processes import Say
 from twin_daemon.processor_time import TimeLimit
@@ -129,9 +131,10 @@ class PartwiseSearch:
                 self._progress(begun + count, best)
 
         found: dict[int, _Found] = {}
+        longest_first = sorted(range(len(problems)), key=lambda index: -_work(problems[index].problem))
         try:
-            for index, one in side_by_side(searched, range(len(problems)), lambda _: None, meanwhile=tell):
-                found[index] = one
+            for place, one in side_by_side(searched, longest_first, lambda _: None, meanwhile=tell):
+                found[longest_first[place]] = one
         finally:
             for index, sub in enumerate(problems):
                 one = found.get(index) or shared[index].found()
@@ -152,6 +155,11 @@ class PartwiseSearch:
         if progress is None:
             return None
         return lambda count, mse: progress(before + count, mse * weight + others)
+
+
+def _work(problem: Problem) -> float:
+    """How long a search of a problem takes beside others: roll-outs of its motion, as many as it has variables."""
+    return len(problem.variables) * length_s(problem.recordings)
 
 
 def _search(tracker: Tracker, search: Search, budget: int | None, seed: int) -> None:

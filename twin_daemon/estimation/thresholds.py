@@ -140,7 +140,7 @@ SATURATED_SHARE = Threshold(0.02, "1", "of the samples beyond an actuator's rang
 
 # -- searches ------------------------------------------------------------------------------------------------
 
-JACOBIAN_STEP = Threshold(1e-2, "1", "of a variable's range, to either side, for intervals")
+JACOBIAN_STEP = Threshold(1e-2, "1", "of a variable's range, towards its middle, for intervals")
 DESCENT_STARTS = Count(3, "starts", "of least squares: on a real hand they differ by more than searches do")
 DESCENT_SAMPLES = Count(64, "points", "around the model from which the other starts are chosen")
 DESCENT_NEARNESS = Threshold(0.3, "1", "of the range: half of these points lie as near to the model")
