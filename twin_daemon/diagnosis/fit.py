@@ -40,6 +40,11 @@ class Fit:
     """(m, p) derivative of the rows, as far as the fit knows it."""
 
     @property
+    def name(self) -> str:
+        """The candidate's; none where the nuisances alone were fitted."""
+        return self.hypothesis.name if self.hypothesis else ""
+
+    @property
     def prior_cost(self) -> float:
         """What of the cost is said by the priors of uncertain values, not by the data."""
         priors = self.problem.prior_residuals(self.point[None])[0]

@@ -11,9 +11,11 @@ from twin_daemon.diagnosis.candidates import candidate
 from twin_daemon.diagnosis.conclude import Accepted, Outcome
 from twin_daemon.diagnosis.far_off import beyond_any_hand, deviating, needed
 from twin_daemon.diagnosis.fit import Fit
+from twin_daemon.diagnosis.limits import fitted_at
 from twin_daemon.diagnosis.part_fit import PartFit
+from twin_daemon.diagnosis.rivals import swap_rivals
 from twin_daemon.diagnosis.screening import AskedBefore
-from twin_daemon.diagnosis.selection import decisive, fitted_at, next_effect, swap_rivals, weight_of
+from twin_daemon.diagnosis.selection import next_effect
 from twin_daemon.diagnosis.thresholds import (
     ADEQUATE_FLOORS,
     COMPARABLE,
@@ -25,6 +27,7 @@ from twin_daemon.diagnosis.thresholds import (
     RELATIVE_ERROR,
 )
 from twin_daemon.diagnosis.validation import Validation, most_left
+from twin_daemon.diagnosis.weighing import decisive, weight_of
 from twin_daemon.effects import LIBRARY
 from twin_daemon.estimation.partition import Reduced
 from twin_daemon.processes import Say
