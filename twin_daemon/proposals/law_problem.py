@@ -8,13 +8,13 @@ from functools import cached_property
 
 import mujoco
 import numpy as np
-from scipy.signal import lfilter
 
 from twin_daemon.estimation.posterior import Correction, Posterior
 from twin_daemon.estimation.problem import Candidate, times_before
 from twin_daemon.estimation.variables import ParameterVariable, Variable
 from twin_daemon.proposals.features import OF_NEIGHBOURS, Feature
-from twin_daemon.proposals.thresholds import RIDGE, SETTLING_S, STRONGEST_RAD
+from twin_daemon.proposals.law_feedback import LawFeedback, remembered
+from twin_daemon.proposals.thresholds import RIDGE
 from twin_daemon.proposals.track import Track
 from twin_daemon.simulation.alignment import Aligned, resample
 from twin_daemon.simulation.feedback import roll_out_with_feedback
@@ -175,11 +175,20 @@ class LawProblem(Posterior):
                 steps.append(len(grid))
                 begun.append(memory)
         count = len(candidates)
-        piece_of = np.repeat(order, count)
         models = [c.model for _ in order for c in candidates]
         if self.feature.factor == "direction":
             models = [copy.copy(model) for model in models]  # each simulation has a friction of its own
-        feedback = _Feedback(self, models, np.tile(laws, (len(order), 1)), piece_of, np.array(begun), longest)
+        feedback = LawFeedback(
+            twin,
+            self.feature,
+            self.joint,
+            self.actuator,
+            models,
+            np.tile(laws, (len(order), 1)),
+            np.array(begun),
+            np.repeat(order, count),
+            np.stack([self._exogenous(i, np.arange(longest) * step_s) for i in range(len(order))]),
+        )
         positions = roll_out_with_feedback(
             models,
             np.array(states),
@@ -237,155 +246,3 @@ class LawProblem(Posterior):
         slopes = np.diff(np.eye(count), axis=0) / apart[:, None]
         turns = np.diff(slopes, axis=0) * 0.5 * (apart[1:] + apart[:-1])[:, None]
         return np.concatenate([weak, self.smoothness * scale * turns])
-
-
-def remembered(feature: Feature, track: Track, before: np.ndarray, step_s: float) -> np.ndarray:
-    """(m,) the state of a law's memory after the part `before` (n,) of a track: each element's."""
-    if not feature.memory:
-        return track.acceleration[before][-1:] if feature.over == "acceleration" else np.zeros(0)
-    if feature.memory == "play":
-        widths = np.array(feature.knots)
-        state = np.zeros(len(widths))
-        for moved in np.diff(track.position[before]):
-            state = np.clip(state + moved / widths, -1.0, 1.0)
-        return state
-    if feature.memory == "slew":
-        state, most = np.full(len(feature.knots), track.command[0]), np.array(feature.knots) * step_s
-        for now in track.command[before]:
-            state += np.clip(now - state, -most, most)
-        return state
-    keep = np.exp(-step_s / np.array(feature.knots))
-    if feature.memory == "relaxation":
-        # each movement enters whole
-        return _filtered(np.diff(track.position[before], prepend=track.position[0]), keep, np.ones_like(keep), 0.0)
-    if feature.memory == "lag":
-        return _filtered(track.command[before], keep, 1.0 - keep, float(track.command[0]))
-    return _filtered(track.error[before], keep, 1.0 - keep, 0.0)
-
-
-def _filtered(series: np.ndarray, keep: np.ndarray, enters: np.ndarray, start: float) -> np.ndarray:
-    """(m,) the last of state = keep state + enters x over a series (n,), from `start`."""
-    last = [lfilter([e], [1.0, -k], series, zi=[k * start])[0][-1] for k, e in zip(keep, enters, strict=True)]
-    return np.array(last)
-
-
-class _Feedback:
-    """The torque of a law in roll-outs, from the state of all simulations at once."""
-
-    def __init__(
-        self,
-        problem: LawProblem,
-        models: Sequence[mujoco.MjModel],
-        laws: np.ndarray,
-        piece_of: np.ndarray,
-        memory: np.ndarray,
-        longest: int,
-    ) -> None:
-        twin, self._feature = problem.twin, problem.feature
-        self._laws, self._piece_of, self._state = laws, piece_of, memory.copy()
-        self._step_s = float(twin.model.opt.timestep)
-        column = twin.joints.index(problem.joint)
-        self._qpos, self._dof = twin.qpos_adr[column], twin.dof_adr[column]
-        self._actuator = problem.actuator
-        self._qpos_driven, self._dof_driven = twin.qpos_adr, twin.dof_adr
-        self._drive = twin.drive[problem.actuator]
-        self._kp = np.array([model.actuator_gainprm[problem.actuator, 0] for model in models])
-        self._friction = [model.dof_frictionloss for model in models]
-        self._own_friction = np.array([friction[self._dof] for friction in self._friction])
-        grid = np.arange(longest) * self._step_s
-        pieces = range(len(problem.recordings))
-        self._exogenous = np.stack([problem._exogenous(index, grid) for index in pieces])
-        self._last: np.ndarray | None = None
-        self._lengths = np.array(self._feature.knots)
-        if self._feature.memory:
-            self._keep = np.exp(-self._step_s / self._lengths)
-        self._settles = 1.0 - float(np.exp(-self._step_s / SETTLING_S))
-
-    def torque(self, step: int, qpos: np.ndarray, qvel: np.ndarray, ctrl: np.ndarray) -> np.ndarray:
-        """(a, nv) N m of the simulations that still run."""
-        active, feature = len(qpos), self._feature
-        angle = qpos[:, self._qpos]
-        error = ctrl[:, self._actuator] - qpos[:, self._qpos_driven] @ self._drive
-        self._remember(active, angle, error, qvel[:, self._dof], ctrl[:, self._actuator])
-        laws = self._laws[:active]
-        if feature.memory in ("lag", "slew"):
-            value = (laws * (self._state[:active] - ctrl[:, [self._actuator]])).sum(axis=1)
-        elif feature.memory:
-            value = (laws * self._state[:active]).sum(axis=1)
-        else:
-            value = feature.curve(laws, self._over(step, active, angle, qvel, error, ctrl))
-        if feature.factor == "error":
-            value = value * error
-        elif feature.factor == "velocity":
-            value = value * qvel[:, self._dof]
-        elif feature.factor == "direction":
-            value = self._rub(value, qvel[:, self._dof])
-        if feature.memory in ("play", "relaxation", "creep"):
-            value = -value
-        out = np.zeros_like(qvel)
-        kp = self._kp[:active]
-        if feature.port == "command":
-            pull = np.clip(value, -STRONGEST_RAD, STRONGEST_RAD) * kp
-            out[:, self._dof_driven] = pull[:, None] * self._drive
-        else:
-            out[:, self._dof] = np.clip(value, -STRONGEST_RAD * kp, STRONGEST_RAD * kp)
-        return out
-
-    def _rub(self, level: np.ndarray, speed: np.ndarray) -> np.ndarray:
-        """(a,) N m of dry friction beside what the solver holds by: levels (a,) at a speed, more or less than its own.
-
-        A friction between -forwards and +backwards is one of their mean either way, with half their difference as a
-        constant torque. Only the solver's own friction lets a joint stick.
-        """
-        active = len(level)
-        beside = np.zeros(active)
-        if self._feature.over == "velocity":
-            least = min(knot for knot in self._feature.knots if knot > 0.0)
-            fast = np.maximum(np.abs(speed), least)
-            laws = self._laws[:active]
-            forwards, backwards = self._feature.curve(laws, fast), self._feature.curve(laws, -fast)
-            level, beside = 0.5 * (forwards + backwards), 0.5 * (backwards - forwards)
-        bounds = np.maximum(self._own_friction[:active] + level, 0.0)
-        for friction, bound in zip(self._friction, bounds.tolist(), strict=False):
-            friction[self._dof] = bound
-        return beside
-
-    def _over(
-        self, step: int, active: int, angle: np.ndarray, qvel: np.ndarray, error: np.ndarray, ctrl: np.ndarray
-    ) -> np.ndarray:
-        over = self._feature.over
-        if over == "position":
-            return angle
-        if over == "velocity":
-            return qvel[:, self._dof]
-        if over == "acceleration":
-            return self._state[:active, 0]
-        if over == "load":
-            return self._kp[:active] * np.abs(error)
-        if over == "error":
-            return error
-        if over == "command":
-            return ctrl[:, self._actuator]
-        return self._exogenous[self._piece_of[:active], step]
-
-    def _remember(
-        self, active: int, angle: np.ndarray, error: np.ndarray, speed: np.ndarray, command: np.ndarray
-    ) -> None:
-        feature, state = self._feature, self._state
-        if feature.over == "acceleration":
-            rate = np.zeros(active) if self._last is None else (speed - self._last[:active]) / self._step_s
-            self._last = speed.copy()
-            state[:active, 0] += self._settles * (rate - state[:active, 0])
-            return
-        moved = np.zeros(active) if self._last is None else angle - self._last[:active]
-        self._last = angle.copy()
-        if feature.memory == "play":
-            state[:active] = np.clip(state[:active] + moved[:, None] / self._lengths, -1.0, 1.0)
-        elif feature.memory == "relaxation":
-            state[:active] = self._keep * state[:active] + moved[:, None]
-        elif feature.memory == "slew":
-            most = self._lengths * self._step_s
-            state[:active] += np.clip(command[:, None] - state[:active], -most, most)
-        elif feature.memory in ("creep", "lag"):
-            follows = (error if feature.memory == "creep" else command)[:, None]
-            state[:active] = self._keep * state[:active] + (1.0 - self._keep) * follows

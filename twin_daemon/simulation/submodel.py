@@ -17,9 +17,10 @@ from scipy.sparse.csgraph import connected_components
 
 from twin_daemon.effects.edits import keep_softness
 from twin_daemon.hand.description import Hand
+from twin_daemon.simulation.model_elements import driven_joints, make_inertia_explicit
 from twin_daemon.simulation.parameters import KINDS
 from twin_daemon.simulation.terms import Terms
-from twin_daemon.simulation.twin import TwinModel, driven_joints, make_inertia_explicit
+from twin_daemon.simulation.twin import TwinModel
 
 
 @dataclass(frozen=True)

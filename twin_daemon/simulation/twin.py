@@ -18,8 +18,8 @@ from twin_daemon.hand.description import Hand
 from twin_daemon.hand.naming import match
 from twin_daemon.places import HAND, ROBOT
 from twin_daemon.processes import never_changes
+from twin_daemon.simulation.model_elements import driven_joints, make_inertia_explicit, prepare
 from twin_daemon.simulation.parameters import KINDS, ParameterKind
-from twin_daemon.simulation.radians import in_radians
 from twin_daemon.simulation.selfcontained import inline_meshes
 from twin_daemon.simulation.terms import EffectTerm, Terms
 
@@ -86,7 +86,7 @@ class TwinModel:
             spec = mujoco.MjSpec.from_file(str(hand.model_path))
         except (ValueError, OSError, mujoco.FatalError) as error:
             raise BadInput(f"not a usable MJCF: {error}", where=hand.model_path) from None
-        _prepare(spec)
+        prepare(spec)
         return cls(hand, spec, terms or Terms())
 
     @classmethod
@@ -96,7 +96,7 @@ class TwinModel:
             spec = mujoco.MjSpec.from_string(mjcf)
         except (ValueError, mujoco.FatalError) as error:
             raise BadInput(f"not a usable MJCF: {error}", where=f"stored model of {hand.description.name}") from None
-        _prepare(spec)
+        prepare(spec)
         return cls(hand, spec, terms or Terms())
 
     def __reduce__(self) -> tuple[Callable[..., TwinModel], tuple[Any, ...]]:
@@ -373,60 +373,12 @@ def _copied_and_compiled(nominal: Any) -> tuple[Any, mujoco.MjModel]:
     return spec, spec.compile()
 
 
-def _prepare(spec: Any) -> None:
-    """What a twin needs of any model: names of bodies and tendons, rad, and steps that take damping implicitly.
-
-    MuJoCo's Runge-Kutta takes all of them explicitly: at a usual step dry friction, play or an elastic tendon then runs
-    away. What the change costs is an error of the time step like any other's (`Posterior.corrections_at`).
-    """
-    in_radians(spec)
-    _name(spec.bodies, "body")
-    _name(spec.tendons, "tendon")
-    if spec.option.integrator == mujoco.mjtIntegrator.mjINT_RK4:
-        spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-
-
-def _name(elements: Sequence[Any], kind: str) -> None:
-    """Gives elements that their author left without a name one: masses, loads and parts are told by it."""
-    taken = {element.name for element in elements}
-    for index, element in enumerate(elements):
-        if not element.name:
-            name = f"{kind}_{index}"
-            while name in taken:
-                name += "_"
-            element.name = name
-            taken.add(name)
-
-
 def _rebuilt(hand: Hand, text: str, fusestatic: bool, lengths: dict[str, np.ndarray], terms: Terms) -> TwinModel:
     spec = mujoco.MjSpec.from_string(text)
     spec.compiler.fusestatic = fusestatic
     for name, length in lengths.items():
         spec.tendon(name).springlength = length
     return TwinModel(hand, spec, terms)
-
-
-def driven_joints(model: mujoco.MjModel, actuator: int) -> list[tuple[int, float]]:
-    """The joints that an actuator moves, each with the derivative of the actuated length by its angle."""
-    gear = float(model.actuator_gear[actuator, 0])
-    target = int(model.actuator_trnid[actuator, 0])
-    kind = model.actuator_trntype[actuator]
-    if kind == mujoco.mjtTrn.mjTRN_JOINT:
-        return [(target, gear)]
-    if kind == mujoco.mjtTrn.mjTRN_TENDON:
-        start, count = int(model.tendon_adr[target]), int(model.tendon_num[target])
-        wraps = range(start, start + count)
-        joints = [w for w in wraps if model.wrap_type[w] == mujoco.mjtWrap.mjWRAP_JOINT]
-        return [(int(model.wrap_objid[w]), gear * float(model.wrap_prm[w])) for w in joints]
-    return []
-
-
-def make_inertia_explicit(body: Any, compiled: Any) -> None:
-    """Writes into a spec's body the mass and inertia that MuJoCo derived from its geoms."""
-    if not body.explicitinertial:
-        body.explicitinertial = True
-        body.mass, body.ipos, body.iquat = float(compiled.mass[0]), compiled.ipos, compiled.iquat
-        body.inertia = compiled.inertia
 
 
 def _require_known(effect: str) -> None:
