@@ -17,16 +17,23 @@ from twin_daemon.processes import Say
 
 
 def above_floor(
-    looked_at: Sequence[tuple[Reduced, PartFit]], outcomes: list[Outcome], seed: int, say: Say, *, seen: bool = False
+    looked_at: Sequence[tuple[Reduced, PartFit]],
+    outcomes: list[Outcome],
+    seed: int,
+    say: Say,
+    *,
+    seen: bool = False,
+    anew: bool = False,
 ) -> list[tuple[Reduced, PartFit]]:
     """The groups at which something is missing; what the others say is added to `outcomes`.
 
-    `seen` says that a group has moved richly enough for the robot to be called sound; otherwise these have to.
+    `seen` says that a group has moved richly enough for the robot to be called sound; otherwise these have to. Where
+    those that are returned will be looked at `anew`, one that leaves more than right models do is among them.
     """
     found = []
     for reduced, part in sorted(looked_at, key=lambda item: float(item[1].times_floor.max())):
         rich = seen or any(o.within_floor and not o.undetectable for o in outcomes)
-        outcome = within_floor(part, reduced, seed, say, seen=rich)
+        outcome = within_floor(part, reduced, seed, say, seen=rich, anew=anew)
         if outcome is None:
             found.append((reduced, part))
         else:
@@ -34,14 +41,16 @@ def above_floor(
     return found
 
 
-def within_floor(part: PartFit, reduced: Reduced, seed: int, say: Say, *, seen: bool) -> Outcome | None:
-    """What a group says at which nothing is missing; None where something is.
+def within_floor(
+    part: PartFit, reduced: Reduced, seed: int, say: Say, *, seen: bool, anew: bool = False
+) -> Outcome | None:
+    """What a group says at which nothing is missing; None where something is, or where it is to be looked at `anew`.
 
     `seen` says that another one has moved richly enough for the robot to be called sound.
     """
     outcome = begun_outcome(reduced, part)
     said = f"{', '.join(part.joints)}: {part.times_floor.max():.1f} times the floor, nominal values being uncertain"
-    if not part.within_floor or outcome.deviating:
+    if not part.within_floor or outcome.deviating or (anew and part.worth_a_look):
         say(said)
         return None
     validation = Validation(part, reduced.holdout, seed=seed)

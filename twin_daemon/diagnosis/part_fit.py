@@ -116,7 +116,7 @@ class PartFit:
                 # the time step's error is another one where the nuisances have come to
                 self.corrections = problem.corrections_at(found.point)
                 self.problem = problem = problem.corrected(self.corrections)
-                found = self._settled(found.point, None)
+                found = self._settled(found.point, found.slopes)
             if not self._is_within_floor(found.point, found.rows):
                 found = self._along_delays(found)
             return as_fit(None, problem, self._no_further_than_needed(found))
@@ -150,7 +150,7 @@ class PartFit:
                 point[others] -= np.linalg.lstsq(found.slopes[:, others], rows, rcond=None)[0]
                 points.append(np.clip(point, 0.0, 1.0))
             costs = (problem.residuals(np.array(points)) ** 2).sum(axis=1)
-            other = self._settled(points[int(np.argmin(costs))], None)
+            other = self._settled(points[int(np.argmin(costs))], found.slopes)
             if other.rows @ other.rows > found.rows @ found.rows - 2.0 * DECISIVE_NATS:
                 break
             found = other
@@ -186,15 +186,16 @@ class PartFit:
         return descend(self.problem, self.base.point, slopes, evaluations=NUISANCE_ROLLOUTS, box=box).point
 
     def _settled(self, point: np.ndarray, slopes: np.ndarray | None) -> Descent:
-        """The nuisances alone descended from a point (p,), until another round gains little."""
-        before = np.inf
+        """The nuisances alone descended from a point (p,), with new derivatives until a round gains little.
+
+        Slopes (m, p) that are known from nearby are those of the first round.
+        """
         for known in (slopes, None, None, None):
             derivative = Derivative(self.problem, (), known)
             found = descend(self.problem, point, derivative, evaluations=NUISANCE_ROLLOUTS, enough=self._enough)
-            point, cost = found.point, float(found.rows @ found.rows)
-            if (self._enough and self._enough(point, found.rows)) or cost > SETTLED * before:
+            point = found.point
+            if (self._enough and self._enough(point, found.rows)) or found.rows @ found.rows > SETTLED * found.began:
                 break
-            before = cost
         return found
 
     def _taken_over(self, fit: Fit) -> np.ndarray | None:

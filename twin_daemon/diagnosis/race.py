@@ -20,12 +20,17 @@ from twin_daemon.diagnosis.thresholds import (
 from twin_daemon.diagnosis.verdict import Trial
 from twin_daemon.executor import concurrently
 
+TAKES_LITTLE = "takes little of what is left beyond the floor away"
+"""Why a candidate is none at a part that is at its floor."""
 
-def shortlist(screening: Screening, part: PartFit, outcome: Outcome) -> list[FirstFit]:
+
+def shortlist(screening: Screening, part: PartFit, outcome: Outcome, *, unforced: bool) -> list[FirstFit]:
     """Where to start the fits that are worth one: the best start of each candidate by the cost that it has.
 
     What a nuisance stands in for is invisible beside it. Where nuisances alone reach the floor by deviating, only
-    effects at their joints are asked; elsewhere what they stand in for joins the best of the screening.
+    effects at their joints are asked; elsewhere what they stand in for joins the best of the screening. Of a part that
+    is `unforced` to have any, as it is at its floor with nothing far off, those are begun that may be worth their name,
+    if any may.
     """
     deviating = {name for name, sigma in part.base.deviations.items() if abs(sigma) > SUSPECT_SIGMA}
     everything = screening.candidates
@@ -39,6 +44,13 @@ def shortlist(screening: Screening, part: PartFit, outcome: Outcome) -> list[Fir
     near |= {part.group_of(joint) for joint in part.joints if f"{joint}.offset" in deviating}
     asked = [h for h in everything if part.group_of(h.target) in near] if within_floor and near else everything
     screened = [starts for starts in concurrently(screening.screen, asked) if starts]
+    promising = [starts for starts in screened if screening.promises(starts[0].expected)]
+    if unforced and promising:
+        for starts in screened:
+            if starts not in promising:
+                gain = 0.5 * (screening.cost - starts[0].expected)
+                outcome.tried.append(lost(starts[0].hypothesis, gain, TAKES_LITTLE))
+        screened = promising
     looked_at = _worth_a_look(screening, screened, {h.name for h in owners})
     entered = sorted((r for r in concurrently(screening.enter, looked_at) if r is not None), key=lambda r: r.cost)
     chosen = _promising(entered)

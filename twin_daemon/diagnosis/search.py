@@ -78,8 +78,11 @@ def diagnose(
             if late is not None:
                 reduction = reduction.delayed(late.by_recording)
             behind = [one for one in looked_at if late is not None and one[1] in late.late]
-            above = behind + above_floor([one for one in looked_at if one not in behind], outcomes, seed, say)
-            if above and (behind or links_uncertain(twin) or reduction.carries):
+            others = [one for one in looked_at if one not in behind]
+            feel_each_other = links_uncertain(twin) or reduction.carries
+            anew = feel_each_other and any(not part.within_floor for _, part in others)
+            above = behind + above_floor(others, outcomes, seed, say, anew=anew)
+            if above and (behind or feel_each_other):
                 reduction, again = closer(twin, reduction, looked_at, above)
                 above = above_floor(again, outcomes, seed, say)
             else:

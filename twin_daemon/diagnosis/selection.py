@@ -11,7 +11,7 @@ from twin_daemon.diagnosis.conclude import Accepted, Outcome
 from twin_daemon.diagnosis.fit import FirstFit, Fit, stands_out
 from twin_daemon.diagnosis.limits import best_of_each, laws_at_limits, limits_of
 from twin_daemon.diagnosis.part_fit import PartFit
-from twin_daemon.diagnosis.race import lost, raced, shortlist
+from twin_daemon.diagnosis.race import TAKES_LITTLE, lost, raced, shortlist
 from twin_daemon.diagnosis.screening import AskedBefore, Screening
 from twin_daemon.diagnosis.thresholds import (
     COMPARABLE,
@@ -25,8 +25,6 @@ from twin_daemon.diagnosis.validation import HeldOut, Validation
 from twin_daemon.diagnosis.weighing import decisive, weighed
 from twin_daemon.executor import concurrently, concurrently_here
 from twin_daemon.processes import Say
-
-_TAKES_LITTLE = "takes little of what is left beyond the floor away"
 
 
 @dataclass
@@ -60,17 +58,17 @@ def next_effect(
     A part that is `late`, as others tell when commands come, lacks something however little its nuisances leave.
     """
     screening = Screening(part, before)
-    tried: dict[str, FirstFit] = {}
-    for first in raced(screening, shortlist(screening, part, outcome)):
-        other = tried.get(first.hypothesis.name)
-        tried[first.hypothesis.name] = first if other is None or first.cost < other.cost else other
-    first_fits = sorted(tried.values(), key=lambda first: first.cost)
     # at the floor, with nothing far off, an effect has to be worth its name
     forced = late or any(abs(s) > DEVIATING_SIGMA for s in part.base.deviations.values())
     unforced = part.within_floor and not forced
+    tried: dict[str, FirstFit] = {}
+    for first in raced(screening, shortlist(screening, part, outcome, unforced=unforced)):
+        other = tried.get(first.hypothesis.name)
+        tried[first.hypothesis.name] = first if other is None or first.cost < other.cost else other
+    first_fits = sorted(tried.values(), key=lambda first: first.cost)
     if unforced and not any(map(screening.promises, (first.cost for first in first_fits))):
         for first in first_fits:
-            outcome.tried.append(lost(first.hypothesis, 0.5 * (screening.cost - first.cost), _TAKES_LITTLE))
+            outcome.tried.append(lost(first.hypothesis, 0.5 * (screening.cost - first.cost), TAKES_LITTLE))
         return None
     if not first_fits:
         return None
@@ -143,7 +141,7 @@ def _told_apart(
         elif not stands_out(fit):
             reason = "its value may as well be that of the model without it"
         elif (unforced or (judged.silent and not judged.passes)) and not part.takes_enough(fit):
-            reason = _TAKES_LITTLE
+            reason = TAKES_LITTLE
         elif not judged.passes and not judged.silent:
             reason = f"does not help on held-out motion (gain {judged.gain:.0%}, interval reaches below 0)"
         elif best is None:
