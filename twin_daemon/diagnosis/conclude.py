@@ -17,6 +17,7 @@ from twin_daemon.diagnosis.thresholds import (
     FORBIDDEN_SIGMA,
     MOST_NAMED,
     REFINEMENT,
+    RELATIVE_ERROR,
     SURE,
     WORST_SHOWN,
 )
@@ -229,19 +230,27 @@ def ranked(findings: Sequence[Finding]) -> list[Finding]:
     A weaker servo with play is a joint with play first: no other value of the model's numbers would do. A torque limit
     is one of these, as the effect of a weaker servo holds it. What is sure comes before what is doubtful: the nats
     of a second effect are over what the first one leaves, with its own floor, and may be more. A number of the model
-    comes first where all else takes so little there that it may be the form of a law.
+    comes first where all else takes so little there that it may be the form of a law; but what a form gets wrong no
+    other law takes away to what a right one leaves.
     """
     numbers = [effect for effect in tuple(LIBRARY.values()) if effect.competes_with is not None]
     own = {key for effect in numbers for key in (effect.key, *effect.contains)}
 
     def key(finding: Finding) -> tuple[float, bool, float, float]:
-        beside = [other.evidence_nats for other in findings if set(other.joints) & set(finding.joints)]
+        there = [other for other in findings if set(other.joints) & set(finding.joints)]
+        beside = [other.evidence_nats for other in there]
         less = sorted(beside)[:-1]
         is_nearly_all = bool(less) and finding.evidence_nats == max(beside) and less[-1] < REFINEMENT * max(beside)
+        is_nearly_all &= not any(map(_takes_all, (other for other in there if other.effect not in own)))
         doubt = max(SURE - (finding.probability or 0.0), 0.0)
         return -max(beside), finding.effect in own and not is_nearly_all, doubt, -finding.evidence_nats
 
     return sorted(findings, key=key)
+
+
+def _takes_all(finding: Finding) -> bool:
+    """Whether a finding leaves of held-out motion what a right law leaves of it."""
+    return finding.holdout_mse_after_rad2 <= RELATIVE_ERROR * finding.holdout_mse_before_rad2
 
 
 def _causes(outcomes: Sequence[Outcome], shared: Sequence[Mapping[str, float]]) -> list[Mapping[str, float]]:
