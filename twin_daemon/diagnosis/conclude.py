@@ -240,8 +240,8 @@ def ranked(findings: Sequence[Finding]) -> list[Finding]:
         there = [other for other in findings if set(other.joints) & set(finding.joints)]
         beside = [other.evidence_nats for other in there]
         less = sorted(beside)[:-1]
-        is_nearly_all = bool(less) and finding.evidence_nats == max(beside) and less[-1] < REFINEMENT * max(beside)
-        is_nearly_all &= not any(map(_takes_all, (other for other in there if other.effect not in own)))
+        most_by_far = bool(less) and finding.evidence_nats == max(beside) and less[-1] < REFINEMENT * max(beside)
+        is_nearly_all = most_by_far and not any(_takes_all(other) for other in there if other.effect not in own)
         doubt = max(SURE - (finding.probability or 0.0), 0.0)
         return -max(beside), finding.effect in own and not is_nearly_all, doubt, -finding.evidence_nats
 

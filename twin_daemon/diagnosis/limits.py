@@ -11,8 +11,6 @@ from twin_daemon.diagnosis.fit import Fit
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.screening import Screening
 from twin_daemon.diagnosis.thresholds import DECISIVE_NATS, FULL_FIT_ROLLOUTS
-from twin_daemon.diagnosis.validation import HeldOut
-from twin_daemon.diagnosis.weighing import decisive
 from twin_daemon.executor import concurrently_here
 
 
@@ -31,20 +29,6 @@ def limits_of(part: PartFit, screening: Screening, laws: Sequence[Fit]) -> list[
         return fitted_at(part, hypothesis, hypothesis.effect.as_limit_of(law.values), law.nuisances)
 
     return concurrently_here(fitted_from, pairs)
-
-
-def best_of_each(fits: Sequence[tuple[float, Fit, HeldOut]]) -> list[tuple[float, Fit, HeldOut]]:
-    """Of (evidence in nats, fit, how it was judged) one for each candidate, those with the most evidence first.
-
-    Of fits of one law that the data do not tell apart the one that is right on held-out motion counts.
-    """
-    found = []
-    for name in {fit.name: None for _, fit, _ in fits}:
-        own = [item for item in fits if item[1].name == name]
-        most, best, _ = max(own, key=lambda item: item[0])
-        near = [item for item in own if most - item[0] < decisive(best)]
-        found.append(max(near, key=lambda item: (item[2].adequate, item[0])))
-    return sorted(found, key=lambda item: -item[0])
 
 
 def laws_at_limits(part: PartFit, screening: Screening, limits: Sequence[Fit]) -> list[Fit]:

@@ -44,12 +44,10 @@ def shortlist(screening: Screening, part: PartFit, outcome: Outcome, *, unforced
     near |= {part.group_of(joint) for joint in part.joints if f"{joint}.offset" in deviating}
     asked = [h for h in everything if part.group_of(h.target) in near] if within_floor and near else everything
     screened = [starts for starts in concurrently(screening.screen, asked) if starts]
-    promising = [starts for starts in screened if screening.promises(starts[0].expected)]
-    if unforced and promising:
-        for starts in screened:
-            if starts not in promising:
-                gain = 0.5 * (screening.cost - starts[0].expected)
-                outcome.tried.append(lost(starts[0].hypothesis, gain, TAKES_LITTLE))
+    promising = [starts for starts in screened if unforced and screening.promises(starts[0].expected)]
+    if promising:
+        for first in (starts[0] for starts in screened if not screening.promises(starts[0].expected)):
+            outcome.tried.append(lost(first.hypothesis, 0.5 * (screening.cost - first.expected), TAKES_LITTLE))
         screened = promising
     looked_at = _worth_a_look(screening, screened, {h.name for h in owners})
     entered = sorted((r for r in concurrently(screening.enter, looked_at) if r is not None), key=lambda r: r.cost)
@@ -111,8 +109,8 @@ def raced(screening: Screening, entered: Sequence[FirstFit]) -> list[FirstFit]:
         # from here on each goes on from the better of the points of the nuisances that it was begun at
         own = sorted({first.hypothesis.name: first for first in reversed(moved)}.values(), key=lambda first: first.cost)
         kept = max(LEAST_RACING, len(own) // 2)
-        racing, lost = own[:kept], own[kept:]
-        out += lost
+        racing = own[:kept]
+        out += own[kept:]
     return [*racing, *out]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from twin_daemon.diagnosis.conclude import Accepted, Outcome
 from twin_daemon.diagnosis.fit import FirstFit, Fit, stands_out
-from twin_daemon.diagnosis.limits import best_of_each, laws_at_limits, limits_of
+from twin_daemon.diagnosis.limits import laws_at_limits, limits_of
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.race import TAKES_LITTLE, lost, raced, shortlist
 from twin_daemon.diagnosis.screening import AskedBefore, Screening
@@ -121,10 +121,24 @@ def _in_full(
     further += laws_at_limits(part, screening, [*full, *further])
     held_out += concurrently_here(validation.judge, further)
     both = zip([*full, *further], held_out, strict=True)
-    fits = best_of_each([(part.evidence_nats(fit), fit, judged) for fit, judged in both])
+    fits = _best_of_each([(part.evidence_nats(fit), fit, judged) for fit, judged in both])
     for evidence, fit, _ in fits:
         say(f"  {fit.name}: evidence {evidence:.0f} nats, {fit.chi_square:.1f} times the floor")
     return fits
+
+
+def _best_of_each(fits: Sequence[tuple[float, Fit, HeldOut]]) -> list[tuple[float, Fit, HeldOut]]:
+    """Of (evidence in nats, fit, how it was judged) one for each candidate, those with the most evidence first.
+
+    Of fits of one law that the data do not tell apart the one that is right on held-out motion counts.
+    """
+    found = []
+    for name in {fit.name: None for _, fit, _ in fits}:
+        own = [item for item in fits if item[1].name == name]
+        most, best, _ = max(own, key=lambda item: item[0])
+        near = [item for item in own if most - item[0] < decisive(best)]
+        found.append(max(near, key=lambda item: (item[2].adequate, item[0])))
+    return sorted(found, key=lambda item: -item[0])
 
 
 def _told_apart(

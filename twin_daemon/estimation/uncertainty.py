@@ -74,12 +74,13 @@ def information_by_recording(
 
     As for `joint_estimates`; what is known without any recording, the box of the search, is not in it.
     """
-    derivative = jacobian(Tracker(problem), point)
+    residuals = problem.joint_residuals(point[None])
+    derivative = jacobian(Tracker(problem), point, problem.residuals(point[None])[0])
     # joint by joint: its residual's spread and correlation say how much its samples are worth
     found = []
     offset = 0
     per_joint = problem.samples_per_joint
-    for recording, residual in zip(problem.recordings, problem.joint_residuals(point[None]), strict=True):
+    for recording, residual in zip(problem.recordings, residuals, strict=True):
         information = np.zeros((len(point), len(point)))
         expected_tau = max(1.0, EXPECTED_CORRELATION_S / float(np.median(np.diff(recording.time_s))))
         samples, joints = residual.shape[1:]

@@ -24,6 +24,7 @@ class LawFeedback:
         joint: str,
         actuator: int,
         models: Sequence[mujoco.MjModel],
+        *,
         laws: np.ndarray,
         memory: np.ndarray,
         piece_of: np.ndarray,

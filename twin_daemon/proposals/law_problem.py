@@ -184,10 +184,10 @@ class LawProblem(Posterior):
             self.joint,
             self.actuator,
             models,
-            np.tile(laws, (len(order), 1)),
-            np.array(begun),
-            np.repeat(order, count),
-            np.stack([self._exogenous(i, np.arange(longest) * step_s) for i in range(len(order))]),
+            laws=np.tile(laws, (len(order), 1)),
+            memory=np.array(begun),
+            piece_of=np.repeat(order, count),
+            exogenous=np.stack([self._exogenous(i, np.arange(longest) * step_s) for i in range(len(order))]),
         )
         positions = roll_out_with_feedback(
             models,

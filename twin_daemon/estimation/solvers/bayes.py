@@ -34,11 +34,12 @@ def look_round(tracker: Tracker, budget: int | None, seed: int, share: float = 1
     from skopt import Optimizer  # imports scikit-learn, which takes a second
 
     start = tracker.problem.start
-    first_cost = float(tracker.cost(start[None])[0])
+    rows = tracker.residuals(start[None])[0]
+    first_cost = float((rows**2).sum())
     chosen = np.arange(len(start))
-    screening = 2 * len(start)
+    screening = len(start)
     if len(start) > BAYES_DIMENSIONS and (budget is None or budget > 2 * screening):
-        strength = np.linalg.norm(jacobian(tracker, start), axis=0)
+        strength = np.linalg.norm(jacobian(tracker, start, rows), axis=0)
         chosen = np.sort(np.argsort(strength)[::-1][:BAYES_DIMENSIONS])
     calls = BAYES_CALLS if budget is None else min(BAYES_CALLS, max((budget - len(tracker.history)) // 2, 4))
     optimizer = Optimizer(

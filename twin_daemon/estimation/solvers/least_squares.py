@@ -58,8 +58,7 @@ def descend(tracker: Tracker, start: np.ndarray, iterations: int) -> tuple[np.nd
     return point, cost
 
 
-def jacobian(tracker: Tracker, point: np.ndarray, step: float = JACOBIAN_STEP) -> np.ndarray:
-    """(m, p) derivative of the residuals by the unit coordinates, each stepped towards the middle of its range."""
-    steps = np.where(point > 0.5, -step, step)
-    rows = tracker.residuals(np.concatenate([point[None], point + np.diag(steps)]))
-    return ((rows[1:] - rows[0]) / steps[:, None]).T
+def jacobian(tracker: Tracker, point: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """(m, p) derivative of the residuals by the unit coordinates at a point (p,) whose rows (m,) are known."""
+    steps = np.full(len(point), JACOBIAN_STEP)
+    return trust_region.stepped(tracker, point, rows, range(len(point)), steps)

@@ -95,10 +95,16 @@ def differenced(
 
     The steps are so many times `wider` (len(columns),).
     """
+    steps = np.array([_difference(problem.variables[c].log, point[c]) for c in columns])
+    return stepped(problem, point, rows, columns, steps if wider is None else steps * wider)
+
+
+def stepped(
+    problem: Rows, point: np.ndarray, rows: np.ndarray, columns: Collection[int], steps: np.ndarray
+) -> np.ndarray:
+    """(m, len(columns)) by steps (len(columns),) of the unit coordinates, each towards the middle of its range."""
     chosen = list(columns)
     trials = np.repeat(point[None], len(chosen), axis=0)
-    steps = np.array([_difference(problem.variables[c].log, point[c]) for c in chosen])
-    steps = steps if wider is None else steps * wider
     steps = np.where(point[chosen] > 0.5, -steps, steps)
     trials[np.arange(len(chosen)), chosen] += steps
     try:
