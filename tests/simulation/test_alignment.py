@@ -54,11 +54,32 @@ def test_the_joints_that_move_are_known(twin: TwinModel, rng: np.random.Generato
     }  # fmt: skip
 
 
-def test_a_recording_that_starts_in_motion_starts_in_motion(twin: TwinModel, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("every", [1, 3])
+def test_a_recording_that_starts_in_motion_starts_in_motion(
+    every: int, twin: TwinModel, rng: np.random.Generator
+) -> None:
     recording = recorded(twin, FINGER, rng).window(0.7)
-    aligned = align(twin, recording)
+    fewer = renamed(recording, stamp_ns=recording.stamp_ns[::every], position=recording.position[::every])
+    aligned = align(twin, fewer)
     sums = aligned.start_velocity[[twin.joints.index(f"rh_FFJ{n}") for n in (1, 2)]].sum()
     assert sums == pytest.approx(1.6 / 0.5, rel=0.3)
+
+
+@pytest.mark.parametrize("rate_hz", [40.0, 1000.0])
+def test_how_fast_a_joint_is_at_the_start_is_within_what_is_said_of_it(
+    rate_hz: float, twin: TwinModel, rng: np.random.Generator
+) -> None:
+    made = recorded(twin, FINGER, rng, seconds=2.0)
+    time_s = np.arange(0.0, 1.0, 1.0 / rate_hz)
+    column = twin.joints.index("rh_FFJ3")
+    moves = {"still": (0.0 * time_s, 0.0), "on its way": (0.5 * time_s, 0.5), "sets off": (3.0 * time_s**2, 0.0)}
+    for angle, velocity in moves.values():
+        position = np.zeros((len(time_s), len(twin.joints)))
+        position[:, column] = angle + 3e-4 * rng.standard_normal(len(time_s))
+        stamps = made.stamp_ns[0] + np.round(1e9 * time_s).astype(np.int64)
+        aligned = align(twin, renamed(made, stamp_ns=stamps, position=position, joints=twin.joints))
+        assert aligned.start_sigma is not None
+        assert abs(aligned.start_velocity[column] - velocity) < 4.0 * aligned.start_sigma[1, column]
 
 
 def test_a_joint_that_is_absent_is_not_measured(twin: TwinModel, rng: np.random.Generator) -> None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -119,12 +119,16 @@ def as_fit(hypothesis: Hypothesis | None, problem: Posterior, found: Descent) ->
 
 @dataclass(frozen=True)
 class Start:
-    """Where a fit of a candidate may begin: its values, the nuisances' point, and the cost expected of it."""
+    """Where a fit of a candidate may begin: its values, the nuisances' point, and the cost expected of it.
+
+    `nuisances` are the unit coordinates of those that are known beside it, by name, whatever the point says of them.
+    """
 
     hypothesis: Hypothesis
     values: dict[str, float]
     anchor: frozenset[str] | None
     expected: float
+    nuisances: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -59,14 +59,14 @@ def _descended(hypothesis: Hypothesis, problem: Posterior, point: np.ndarray, ev
 
 
 def _on_some_motion(fit: Fit, point: np.ndarray) -> np.ndarray | None:
-    """Where a descent from a point (p,) ends on some of the motion; None where the fit ends better there.
+    """Where a descent from a point (p,) ends on some of the motion; None where it cannot begin or the fit ends better.
 
     Both go down from there with the fit's own derivatives, so that this costs few roll-outs.
     """
     whole = fit.problem
     kept = spread(whole.recordings, SCREENED_S)
     if len(kept) == len(whole.recordings):
-        return point
+        return point if whole.is_possible(point) else None
     places = [next(i for i, r in enumerate(whole.recordings) if r is piece) for piece in kept]
     problem = whole.over(
         kept, over_some(whole.variables, whole.recordings, kept), [whole.corrections[i] for i in places]

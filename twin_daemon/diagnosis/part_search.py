@@ -13,7 +13,7 @@ from twin_daemon.diagnosis.far_off import beyond_any_hand, deviating, needed
 from twin_daemon.diagnosis.fit import Fit
 from twin_daemon.diagnosis.limits import fitted_at
 from twin_daemon.diagnosis.part_fit import PartFit
-from twin_daemon.diagnosis.rivals import swap_rivals
+from twin_daemon.diagnosis.rivals import swap_rivals, without_idle
 from twin_daemon.diagnosis.screening import AskedBefore
 from twin_daemon.diagnosis.selection import next_effect
 from twin_daemon.diagnosis.thresholds import (
@@ -164,7 +164,7 @@ class PartSearch:
         With the first one given, if there is a `step`. What is to stand `against` another fit of the part is given up
         where it does not promise to leave much less, and has to leave no more than it `may_leave` (k,) floors.
         """
-        outcome = progress.outcome
+        outcome, gone = progress.outcome, set[str]()
         try:
             while not progress.ended and len(outcome.accepted) < most_effects:
                 if step is None:
@@ -177,10 +177,13 @@ class PartSearch:
                         before=None if outcome.accepted else self.before,
                         late=self.late and not outcome.accepted,
                     )
-                if step is None or _is_refinement(self.part, progress.part, step.fit, outcome, enough=progress.enough):
+                # what has given way to an effect is no second one beside that
+                if step is None or step.hypothesis.name in gone or self._refines(step, progress):
                     progress.ended = True
                     break
+                before = outcome.names
                 part, validation, left = self._with(step, outcome, progress.validation)
+                gone |= before - outcome.names
                 enough = outcome.left <= 1.0 and bool((left <= may_leave).all())
                 # a nuisance that is far off may be another effect at work
                 progress = Progress(outcome, part, validation, left, enough, ended=enough and not outcome.deviating)
@@ -200,6 +203,8 @@ class PartSearch:
             joint = first.together([found.fit for found in outcome.accepted], FULL_FIT_ROLLOUTS)
             outcome.accepted = [replace(a, fit=fit) for a, fit in zip(outcome.accepted, joint, strict=True)]
             outcome.accepted = swap_rivals(first, outcome.accepted, FULL_FIT_ROLLOUTS)
+            outcome.accepted, idle = without_idle(first, self.validation, outcome.accepted, FULL_FIT_ROLLOUTS)
+            outcome.tried += idle
         fits = [found.fit for found in outcome.accepted]
         terms = first.twin.terms
         for found in outcome.accepted:
@@ -218,6 +223,9 @@ class PartSearch:
         of_allowed = f"of what a right model may leave {fitted:.1f} times fitted, {held_out:.1f} held out"
         self.say(f"  with {named}: {part.base.chi_square:.1f} times the floor; {of_allowed}")
         return part, validation, left
+
+    def _refines(self, step: Accepted, progress: Progress) -> bool:
+        return _is_refinement(self.part, progress.part, step.fit, progress.outcome, enough=progress.enough)
 
 
 def _is_refinement(first: PartFit, part: PartFit, fit: Fit, outcome: Outcome, *, enough: bool) -> bool:

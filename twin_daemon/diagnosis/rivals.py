@@ -7,8 +7,11 @@ from dataclasses import replace
 from itertools import permutations
 
 from twin_daemon.diagnosis.conclude import Accepted
-from twin_daemon.diagnosis.fit import is_idle
+from twin_daemon.diagnosis.fit import is_idle, stands_out
 from twin_daemon.diagnosis.part_fit import PartFit
+from twin_daemon.diagnosis.race import lost
+from twin_daemon.diagnosis.validation import Validation
+from twin_daemon.diagnosis.verdict import Trial
 from twin_daemon.diagnosis.weighing import decisive, weight_of
 from twin_daemon.executor import concurrently
 
@@ -58,6 +61,26 @@ def swap_rivals(
             decisive_nats=beyond,
         )
     return found
+
+
+def without_idle(
+    first: PartFit, validation: Validation, accepted: Sequence[Accepted], evaluations: int
+) -> tuple[list[Accepted], list[Trial]]:
+    """(the findings without those that may as well not be there beside the last, what is told of these).
+
+    An effect that only stood for another one does nothing beside that. `first` is the part before any effect was found.
+    """
+    *earlier, last = accepted
+    kept = [one for one in earlier if stands_out(one.fit)]
+    if len(kept) == len(earlier):
+        return list(accepted), []
+    reason = f"may as well not be there beside {last.hypothesis.name}"
+    idle = [lost(one.hypothesis, 0.0, reason) for one in earlier if one not in kept]
+    kept.append(last)
+    fits = first.together([one.fit for one in kept], evaluations)
+    found = [replace(one, fit=fit) for one, fit in zip(kept, fits, strict=True)]
+    found[0] = replace(found[0], part=first, judged=validation.judge(fits[0]))
+    return found, idle
 
 
 def _not_below_limits(choices: Sequence[Accepted], nats: Sequence[float]) -> list[float]:

@@ -153,9 +153,8 @@ class Screening:
         """
         before = self._before.fit_of(hypothesis) if self._before else None
         if before is not None:
-            own = self._part.group_of(hypothesis.target)
             begun = hypothesis.starting((before.values, *hypothesis.starts))
-            return [Start(begun, begun.starts[0], a, self.left_at(a)) for a in (None, own) if a in self._anchors]
+            return [Start(begun, begun.starts[0], None, self.cost, before.nuisances)]
         found: list[Start] = []
         gaps = self._nominal_gaps if hypothesis.effect.reads_nominal_error else self._gaps
         hypothesis = informed(hypothesis, self._part.twin, self._part.recordings, self._part.joints, gaps)
@@ -228,7 +227,8 @@ class Screening:
             whole = self._part.problem_with((start.hypothesis, start.values))
             problem = self._screened_of(whole)
             anchor = self._anchors[start.anchor]
-            point = problem.start_from({v.name: u for v, u in zip(self._part.variables, anchor.point, strict=True)})
+            known = {v.name: u for v, u in zip(self._part.variables, anchor.point, strict=True)}
+            point = problem.start_from(known | dict(start.nuisances))
             rows = problem.residuals(point[None])[0]
             slopes = self._slopes(problem, anchor)
             free = [i for i, variable in enumerate(problem.variables) if variable.prior is not None]

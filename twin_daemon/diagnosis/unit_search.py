@@ -12,7 +12,7 @@ from twin_daemon.diagnosis.group import look
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.part_search import PartSearch, Progress, begun_outcome
 from twin_daemon.diagnosis.screening import AskedBefore
-from twin_daemon.diagnosis.thresholds import GONE_FAR, LEAST_SHARE_OF_ERROR
+from twin_daemon.diagnosis.thresholds import GONE_FAR, LEAST_SHARE_OF_ERROR, MOST_OF_IT
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.processes import Say
 from twin_daemon.processor_time import OutOfTime
@@ -51,7 +51,7 @@ class UnitSearch:
         they are looked at anew with it. Where no effect of one group explains it, all that are left are searched as
         one, unless it has nearly all of the error, as a cause at another joint shows there, too; so are those that feel
         an effect which is known to be the first there (`begins`). Of a search for no effect of a group each of them
-        only says what it leaves.
+        only says what it leaves; so do the others where one effect each is asked for and the first takes most away.
         """
         if not self.most_effects:
             self.outcomes.extend(begun_outcome(reduced, part) for reduced, part in unit)
@@ -63,17 +63,21 @@ class UnitSearch:
             left.sort(key=lambda item: -float(item[1].times_floor.max()))
             reduced, part = left[0]
             outcome = self._searched(twin, part, reduced)
-            enough = outcome.explains or (self._one_each and outcome.left <= 1.0)
-            if not outcome.accepted or not enough:
-                if _is_nearly_all(left):
-                    # what it lacks is not in the library, and may as well be what the others feel
-                    self.outcomes.extend([outcome, *(begun_outcome(*other) for other in left[1:])])
-                    return
+            most = self._one_each and _takes_most(outcome, left)
+            enough = bool(outcome.accepted) and (outcome.explains or (self._one_each and outcome.left <= 1.0))
+            if not enough and not most and not _is_nearly_all(left):
                 first = outcome
                 break
             self.outcomes.append(outcome)
-            twin = _with_found(twin, outcome)
-            left = self._above(twin, [reduced for reduced, _ in left[1:]])
+            left = left[1:]
+            if enough:
+                twin = _with_found(twin, outcome)
+                left = self._above(twin, [reduced for reduced, _ in left])
+            if most or not enough:
+                # what it lacks is not in the library, and may as well be what the others feel; or one effect takes most
+                # of what all leave, beside which the others are another question, asked once all values are fitted
+                self.outcomes.extend(begun_outcome(*other) for other in left)
+                return
         if len(left) == 1:
             reduced, part = left[0]
             self.outcomes.append(self._searched(twin, part, reduced, begins=begins))
@@ -182,6 +186,12 @@ def _is_nearly_all(groups: Sequence[tuple[Reduced, PartFit]]) -> bool:
         for _, part in groups
     ]
     return all(other < LEAST_SHARE_OF_ERROR * worst for worst, *rest in (floors, torques) for other in rest)
+
+
+def _takes_most(outcome: Outcome, groups: Sequence[tuple[Reduced, PartFit]]) -> bool:
+    """Whether what was found at one of several groups takes most of what all of them leave away."""
+    gained = sum(found.part.base.cost - found.fit.cost for found in outcome.accepted)
+    return gained > MOST_OF_IT * sum(part.base.cost for _, part in groups)
 
 
 def _asked(outcome: Outcome) -> AskedBefore | None:

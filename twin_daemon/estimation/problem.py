@@ -196,6 +196,10 @@ class Problem:
             readings[-1][impossible] = np.nan
         return readings
 
+    def is_possible(self, unit: np.ndarray) -> bool:
+        """Whether the values of a point (p,) can stand beside each other."""
+        return self._possible(unit) is not None
+
     def _possible(self, unit: np.ndarray) -> Candidate | None:
         """A point's candidate; None where its values cannot stand beside each other, such as a negative armature."""
         try:

@@ -21,6 +21,7 @@ MOVING_RAD = 0.05
 """A joint moves where its measured travel exceeds this; stiller ones say nothing about a model."""
 
 _SETTLE_S = 0.04  # the first samples, from which the starting velocity is read
+_FEWEST = 4  # of these samples: as many as a line needs that says how far it is off
 
 
 @dataclass(frozen=True)
@@ -118,23 +119,30 @@ def _travel(values: np.ndarray) -> float:
 
 
 def _start(time_s: np.ndarray, values: np.ndarray) -> tuple[float, float, float, float]:
-    """(position, velocity, their sigmas) at time 0 from a joint's samples; at rest unless the first clearly move."""
-    begin = slice(int(np.searchsorted(time_s, _SETTLE_S, side="right")))
-    early = np.isfinite(values[begin])
-    known = early if early.any() else np.isfinite(values)
+    """(position, velocity, their sigmas) at time 0 from a joint's samples; at rest unless the first clearly move.
+
+    Where few samples a second show no speed that soon changes, what twice as many say otherwise counts as uncertain.
+    """
+    count = max(int(np.searchsorted(time_s, _SETTLE_S, side="right")), _FEWEST)
+    known = np.isfinite(values[:count])
     if not known.any():
-        return np.nan, 0.0, 0.0, 0.0
-    first = float(values[known.argmax()])
-    time_s, values = time_s[begin], values[begin]
-    if early.sum() < 4:
-        return first, 0.0, 0.0, 0.0
-    slope, offset = np.polyfit(time_s[early], values[early], 1)
-    scatter = float(np.std(values[early] - slope * time_s[early] - offset))
-    where = scatter / float(np.sqrt(early.sum()))
-    sigma = scatter / float(np.sqrt(((time_s[early] - time_s[early].mean()) ** 2).sum()))
+        known = np.isfinite(values)
+        return (float(values[known.argmax()]) if known.any() else np.nan), 0.0, 0.0, 0.0
+    if known.sum() < _FEWEST:
+        return float(values[known.argmax()]), 0.0, 0.0, 0.0
+    at, angles = time_s[:count][known], values[:count][known]
+    slope, offset = np.polyfit(at, angles, 1)
+    scatter = float(np.std(angles - slope * at - offset))
+    where = scatter / float(np.sqrt(len(at)))
+    sigma = scatter / float(np.sqrt(((at - at.mean()) ** 2).sum()))
+    if at[-1] > _SETTLE_S:
+        longer = np.isfinite(values[: 2 * count])
+        sigma = float(
+            np.hypot(sigma, np.polyfit(time_s[: 2 * count][longer], values[: 2 * count][longer], 1)[0] - slope)
+        )
     if abs(slope) * _SETTLE_S > 6.0 * max(scatter, 2e-3):
         return float(offset), float(slope), where, sigma
-    return float(np.mean(values[early])), 0.0, where, max(sigma, abs(float(slope)))
+    return float(np.mean(angles)), 0.0, where, max(sigma, abs(float(slope)))
 
 
 def align(twin: TwinModel, recording: Recording, trajectory: Trajectory | None = None) -> Aligned:
