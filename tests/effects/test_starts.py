@@ -95,3 +95,23 @@ def test_a_stop_anywhere_in_the_range_of_an_arm_that_turns_twice_is_looked_for(h
     for end in ("upper", "lower"):
         lowest, highest = bounds[end]
         assert lowest <= share * 2.0 * half_span <= highest
+
+
+@pytest.mark.parametrize("periods", [9.0, 34.0])
+def test_a_ripples_waves_are_read_off_a_servo_that_is_too_slow_to_show_them(periods: float) -> None:
+    """A large arm's joint takes a quarter of a second to follow, and passes a wave in a tenth of that."""
+    slow = replace(SCALE, kp=130.0, damping=32.0, inertia=3.0)
+    time_s = np.arange(0.0, 20.0, DT)
+    angle = 0.8 * np.sin(0.7 * time_s) + 0.3 * np.sin(1.9 * time_s)
+    torque = 2.0 * np.sin(periods * angle + 1.0)
+    gap, speed = np.zeros((2, len(time_s)))
+    for row in range(1, len(time_s)):
+        speed[row] = speed[row - 1] + DT / slow.inertia * (
+            torque[row - 1] - slow.damping * speed[row - 1] - slow.kp * gap[row - 1]
+        )
+        gap[row] = gap[row - 1] + DT * speed[row]
+    seen = Seen(angle, np.gradient(angle, DT), gap, time_s)
+    best = LIBRARY["torque_ripple"].suggested(slow, seen)[0]
+    assert best["periods"] == pytest.approx(periods, abs=0.1)
+    assert 1.0 < best["amplitude"] < 3.0
+    assert np.cos(best["phase"] - 1.0) > 0.95

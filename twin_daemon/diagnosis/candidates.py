@@ -164,7 +164,7 @@ def informed(
         known = np.isfinite(angle)
         if known.sum() > 1:
             speed = _speed(recording.time_s[known], angle[known], within_s)
-            found.append((angle[known], speed, gap[known][:, own].sum(axis=1)))
+            found.append((angle[known], speed, gap[known][:, own].sum(axis=1), recording.time_s[known]))
     if not found:
         return hypothesis
     seen = Seen(*(np.concatenate(one) for one in zip(*found, strict=True)))

@@ -177,11 +177,11 @@ class PartSearch:
                         before=None if outcome.accepted else self.before,
                         late=self.late and not outcome.accepted,
                     )
-                # what has given way to an effect is no second one beside that
+                # what has given way to others is no further effect beside them
                 if step is None or step.hypothesis.name in gone or self._refines(step, progress):
                     progress.ended = True
                     break
-                before = outcome.names
+                before = {*outcome.names, step.hypothesis.name}
                 part, validation, left = self._with(step, outcome, progress.validation)
                 gone |= before - outcome.names
                 enough = outcome.left <= 1.0 and bool((left <= may_leave).all())

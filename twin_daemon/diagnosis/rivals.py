@@ -66,17 +66,16 @@ def swap_rivals(
 def without_idle(
     first: PartFit, validation: Validation, accepted: Sequence[Accepted], evaluations: int
 ) -> tuple[list[Accepted], list[Trial]]:
-    """(the findings without those that may as well not be there beside the last, what is told of these).
+    """(the findings without those that may as well not be there beside the others, what is told of these).
 
     An effect that only stood for another one does nothing beside that. `first` is the part before any effect was found.
     """
-    *earlier, last = accepted
-    kept = [one for one in earlier if stands_out(one.fit)]
-    if len(kept) == len(earlier):
+    kept = [one for one in accepted if stands_out(one.fit)] or [accepted[-1]]
+    if len(kept) == len(accepted):
         return list(accepted), []
-    reason = f"may as well not be there beside {last.hypothesis.name}"
-    idle = [lost(one.hypothesis, 0.0, reason) for one in earlier if one not in kept]
-    kept.append(last)
+    names = [one.hypothesis.name for one in kept]
+    reason = f"may as well not be there beside {', '.join(names)}"
+    idle = [lost(one.hypothesis, 0.0, reason) for one in accepted if one.hypothesis.name not in names]
     fits = first.together([one.fit for one in kept], evaluations)
     found = [replace(one, fit=fit) for one, fit in zip(kept, fits, strict=True)]
     found[0] = replace(found[0], part=first, judged=validation.judge(fits[0]))

@@ -49,13 +49,13 @@ class TorqueRipple(Effect):
     def suggested(self, scale: Scale, seen: Seen) -> tuple[dict[str, float], ...]:
         """The highest peaks of the gap's least-squares spectrum over the angle (Lomb 1976).
 
-        The servo is a spring, so that a torque shows as its part of the stiffness, wherever motion is slow. Where a
-        wave is steeper than that spring, the joint snaps from one valley to the next and hardly shows what is between.
+        Its waves are those of a torque as the servo lets them through. Where a wave is steeper than the servo, the
+        joint snaps from one valley to the next and hardly shows what is between.
         """
         travel = float(np.ptp(seen.angle))
         if travel < _LEAST_TRAVEL_RAD:
             return ()
-        spectrum = _Spectrum(seen)
+        spectrum = _Spectrum(scale, seen)
         step = 0.25 * 2.0 * np.pi / travel
         fewest = max(_FEWEST, 2.0 * np.pi / travel)  # less than a wave over the travel is a spring
         periods = np.arange(fewest, _MOST, step)
@@ -69,7 +69,7 @@ class TorqueRipple(Effect):
         begun = [(1.0, wave) for wave in waves]
         begun += [(times, wave) for wave in waves[:_FIRST] for times in (_SNAPPING, _GENTLE)]
         return tuple(
-            {"amplitude": times * scale.kp * height, "phase": phase, "periods": count}
+            {"amplitude": times * height, "phase": phase, "periods": count}
             for times, (count, height, phase) in begun
         )
 
@@ -85,8 +85,8 @@ class _Spectrum:
     What is further off than three times the typical error, as in fast motion, counts as that.
     """
 
-    def __init__(self, seen: Seen) -> None:
-        self._angle = seen.angle
+    def __init__(self, scale: Scale, seen: Seen) -> None:
+        self._scale, self._seen = scale, seen
         way = np.sign(seen.speed) * (np.abs(seen.speed) > np.median(np.abs(seen.speed)))
         self._beside = np.stack([np.ones_like(seen.angle), seen.angle, seen.speed, way])
         off = seen.gap - self._beside.T @ np.linalg.lstsq(self._beside.T, seen.gap, rcond=None)[0]
@@ -94,8 +94,9 @@ class _Spectrum:
         self._gap = np.clip(off, -limit, limit)
 
     def wave(self, periods: float) -> tuple[float, float, float]:
-        """(what is left, rad^2; height, rad; phase at angle 0) of the best wave of so many periods a radian."""
-        waves = np.stack([np.sin(periods * self._angle), np.cos(periods * self._angle), *self._beside], axis=1)
+        """(what is left, rad^2; height, N m; phase at angle 0) of the best wave of so many periods a radian."""
+        torques = (np.sin(periods * self._seen.angle), np.cos(periods * self._seen.angle))
+        waves = np.stack([*(self._seen.moved_by(self._scale, one) for one in torques), *self._beside], axis=1)
         weights, *_ = np.linalg.lstsq(waves, self._gap, rcond=None)
         left = self._gap - waves @ weights
         return float(left @ left), float(np.hypot(*weights[:2])), float(np.arctan2(weights[1], weights[0]))
