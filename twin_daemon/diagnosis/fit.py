@@ -135,7 +135,8 @@ class Start:
 class FirstFit:
     """A candidate's point and cost on the motion that is screened, and its problem over all motion.
 
-    `rows` (m,) and `slopes` (m, p) are those at the point, so that a fit goes on from there.
+    `rows` (m,) and `slopes` (m, p) are those at the point, so that a fit goes on from there. One that has only been
+    begun keeps no slopes, as they follow from its start: of a large arm they are some 20 MB for each of a hundred.
     """
 
     start: Start
@@ -143,7 +144,7 @@ class FirstFit:
     point: np.ndarray
     cost: float
     rows: np.ndarray
-    slopes: np.ndarray
+    slopes: np.ndarray | None = None
 
     @property
     def hypothesis(self) -> Hypothesis:

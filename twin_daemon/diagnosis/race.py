@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from twin_daemon.diagnosis.candidates import Hypothesis
 from twin_daemon.diagnosis.conclude import Outcome
@@ -110,7 +111,7 @@ def raced(screening: Screening, entered: Sequence[FirstFit]) -> list[FirstFit]:
         own = sorted({first.hypothesis.name: first for first in reversed(moved)}.values(), key=lambda first: first.cost)
         kept = max(LEAST_RACING, len(own) // 2)
         racing = own[:kept]
-        out += own[kept:]
+        out += [replace(first, slopes=None) for first in own[kept:]]  # these are not gone on with
     return [*racing, *out]
 
 

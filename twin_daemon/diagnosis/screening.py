@@ -28,28 +28,32 @@ class _Anchor:
     def __init__(self, point: np.ndarray, rows: np.ndarray, slopes: np.ndarray) -> None:
         self.point, self.columns = point, slopes
         self._rows = rows
-        self._bases: dict[tuple[int, ...], np.ndarray] = {}
+        self._basis, self._weights = np.linalg.qr(slopes)
+        self._kept: dict[tuple[int, ...], np.ndarray] = {}
         self.coarse = np.empty(0)
 
-    def basis(self, dropped: tuple[int, ...] = ()) -> np.ndarray:
-        """(m, p) orthonormal: what the nuisances can do, but for the dropped ones."""
-        if dropped not in self._bases:
-            kept = np.delete(self.columns, dropped, axis=1)
-            self._bases[dropped], _ = np.linalg.qr(kept)
-        return self._bases[dropped]
-
-    def left(self, basis: np.ndarray, change: np.ndarray | None = None) -> tuple[float, float]:
-        """(cost, amount): what the nuisances and the best amount of a change (m,) leave of the rows."""
-        rows = self._rows - basis @ (basis.T @ self._rows)
+    def left(self, dropped: tuple[int, ...] = (), change: np.ndarray | None = None) -> tuple[float, float]:
+        """(cost, amount): what the nuisances, but for the dropped ones, and the best amount of a change (m,) leave."""
+        rows = self._without(dropped, self._rows)
         if change is None:
             return float(rows @ rows), 0.0
-        seen = change - basis @ (basis.T @ change)
+        seen = self._without(dropped, change)
         power = float(seen @ seen)
         if not np.isfinite(power) or power < 1e-12:
             return float("inf"), 0.0
         amount = float(np.clip(-(seen @ rows) / power, 0.0, FURTHEST_ALONG))
         rows = rows + amount * seen
         return float(rows @ rows), amount
+
+    def _without(self, dropped: tuple[int, ...], rows: np.ndarray) -> np.ndarray:
+        """(m,) rows without what the nuisances can do, but for the dropped ones.
+
+        Within the span of all of them, so that a set which is dropped costs a small matrix and no basis of its own.
+        """
+        if dropped not in self._kept:
+            self._kept[dropped], _ = np.linalg.qr(np.delete(self._weights, dropped, axis=1))
+        kept = self._kept[dropped]
+        return rows - self._basis @ (kept @ (kept.T @ (self._basis.T @ rows)))
 
 
 @dataclass(frozen=True)
@@ -111,8 +115,7 @@ class Screening:
 
     def left_at(self, anchor: frozenset[str] | None) -> float:
         """What the nuisances alone reach from one of their points, to first order."""
-        found = self._anchors[anchor]
-        return found.left(found.basis())[0]
+        return self._anchors[anchor].left()[0]
 
     def cost_of(self, fit: Fit) -> float:
         """What a fit of the part leaves of the motion that is screened."""
@@ -173,7 +176,7 @@ class Screening:
                 for group in groups:
                     anchor = self._anchors[group]
                     change = problem.residuals(anchor.point[None])[0] - anchor.coarse
-                    cost, amount = anchor.left(anchor.basis(dropped), change)
+                    cost, amount = anchor.left(dropped, change)
                     if np.isfinite(cost):
                         found.append(Start(hypothesis, hypothesis.along(values, amount), group, cost))
         pull = sum(self._part.base.deviations[self._part.variables[i].name] ** 2 for i in dropped)
@@ -234,7 +237,7 @@ class Screening:
             free = [i for i, variable in enumerate(problem.variables) if variable.prior is not None]
             basis, _ = np.linalg.qr(slopes[:, free])
             left = rows - basis @ (basis.T @ rows)
-            return FirstFit(start, whole, point, float(left @ left), rows, slopes)
+            return FirstFit(start, whole, point, float(left @ left), rows)
         return None
 
     def first_fit(self, entered: FirstFit, evaluations: int, *, settled: bool = True) -> FirstFit:
@@ -249,7 +252,9 @@ class Screening:
         usual = problem.uncertainty_cost
         if settled:
             problem, begun = problem.corrected(problem.corrections_at(entered.point)), None
-        derivative = Derivative(problem, own_columns(problem), entered.slopes)
+        known = entered.slopes
+        known = self._slopes(problem, self._anchors[entered.start.anchor]) if known is None else known
+        derivative = Derivative(problem, own_columns(problem), known)
         found = descend(problem, entered.point, derivative, evaluations=evaluations, begun=begun)
         rows, uncertain = found.rows, problem.uncertainty_cost
         if settled:

@@ -69,8 +69,7 @@ class TorqueRipple(Effect):
         begun = [(1.0, wave) for wave in waves]
         begun += [(times, wave) for wave in waves[:_FIRST] for times in (_SNAPPING, _GENTLE)]
         return tuple(
-            {"amplitude": times * height, "phase": phase, "periods": count}
-            for times, (count, height, phase) in begun
+            {"amplitude": times * height, "phase": phase, "periods": count} for times, (count, height, phase) in begun
         )
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
