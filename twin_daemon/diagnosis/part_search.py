@@ -178,7 +178,7 @@ class PartSearch:
                         late=self.late and not outcome.accepted,
                     )
                 # what has given way to others is no further effect beside them
-                if step is None or step.hypothesis.name in gone or self._refines(step, progress):
+                if step is None or step.hypothesis.name in gone or _is_refinement(self.part, progress, step.fit):
                     progress.ended = True
                     break
                 before = {*outcome.names, step.hypothesis.name}
@@ -224,24 +224,22 @@ class PartSearch:
         self.say(f"  with {named}: {part.base.chi_square:.1f} times the floor; {of_allowed}")
         return part, validation, left
 
-    def _refines(self, step: Accepted, progress: Progress) -> bool:
-        return _is_refinement(self.part, progress.part, step.fit, progress.outcome, enough=progress.enough)
 
-
-def _is_refinement(first: PartFit, part: PartFit, fit: Fit, outcome: Outcome, *, enough: bool) -> bool:
+def _is_refinement(first: PartFit, progress: Progress, fit: Fit) -> bool:
     """Whether a further effect only bends the law of one that has been found at the same place.
 
     A second cause takes a part of the first error away, or most of what the first has left, or brings a nuisance back
-    that has to be further off than any plausible hand without it. Where the first is `enough` already but for a
+    that has to be further off than any plausible hand without it. Where the first is enough already but for a
     nuisance that is somewhat far off, only an effect at another place is a second cause.
     """
+    part, outcome = progress.part, progress.outcome
     joints = _judged_joints(part, fit)
     if not any(joints & _judged_joints(earlier.part, earlier.fit) for earlier in outcome.accepted):
         return False
     forced = [name for name, _ in beyond_any_hand(outcome.deviating)]
     if any(abs(fit.deviations.get(name, 0.0)) < DEVIATING_SIGMA for name in forced):
         return False
-    if enough and not forced:
+    if progress.enough and not forced:
         return True
     gained = part.base.cost - fit.cost
     return gained < REFINEMENT * first.base.cost and gained < MOST_OF_IT * part.base.cost

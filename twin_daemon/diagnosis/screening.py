@@ -252,9 +252,10 @@ class Screening:
         usual = problem.uncertainty_cost
         if settled:
             problem, begun = problem.corrected(problem.corrections_at(entered.point)), None
-        known = entered.slopes
-        known = self._slopes(problem, self._anchors[entered.start.anchor]) if known is None else known
-        derivative = Derivative(problem, own_columns(problem), known)
+        slopes = entered.slopes
+        if slopes is None:
+            slopes = self._slopes(problem, self._anchors[entered.start.anchor])
+        derivative = Derivative(problem, own_columns(problem), slopes)
         found = descend(problem, entered.point, derivative, evaluations=evaluations, begun=begun)
         rows, uncertain = found.rows, problem.uncertainty_cost
         if settled:

@@ -151,22 +151,27 @@ class Seen:
     gap: np.ndarray
     time_s: np.ndarray | None = None
 
-    def moved_by(self, scale: Scale, torque: np.ndarray) -> np.ndarray:
-        """(n,) rad: where a torque (n,) N m along the motion takes the joint from where its servo holds it.
+    def response(self, scale: Scale) -> Callable[[np.ndarray], np.ndarray]:
+        """Of a torque (n,) N m along the motion: (n,) rad, where it takes the joint from where its servo holds it.
 
         The servo is a spring with the joint's damping and inertia: what comes faster than it follows arrives late and
         weakened. A spring alone where times are not known.
         """
         if self.time_s is None or len(self.time_s) < 2:
-            return torque / scale.kp
+            return lambda torque: torque / scale.kp
         from scipy.signal import bilinear, lfilter, lfilter_zi  # a daemon starts without it, half a second earlier
 
         steps = np.diff(self.time_s)
         rate_hz = 1.0 / float(np.median(steps[steps > 0.0]))
         ahead, back = bilinear([1.0], [scale.inertia, scale.damping + scale.kv, scale.kp], rate_hz)
         at_rest = lfilter_zi(ahead, back)
-        stretches = np.split(torque, np.flatnonzero(steps <= 0.0) + 1)
-        return np.concatenate([lfilter(ahead, back, one, zi=at_rest * one[0])[0] for one in stretches])
+        begins = np.flatnonzero(steps <= 0.0) + 1
+
+        def moved(torque: np.ndarray) -> np.ndarray:
+            stretches = np.split(torque, begins)
+            return np.concatenate([lfilter(ahead, back, one, zi=at_rest * one[0])[0] for one in stretches])
+
+        return moved
 
     @property
     def _moves(self) -> np.ndarray:

@@ -85,7 +85,7 @@ class _Spectrum:
     """
 
     def __init__(self, scale: Scale, seen: Seen) -> None:
-        self._scale, self._seen = scale, seen
+        self._angle, self._response = seen.angle, seen.response(scale)
         way = np.sign(seen.speed) * (np.abs(seen.speed) > np.median(np.abs(seen.speed)))
         self._beside = np.stack([np.ones_like(seen.angle), seen.angle, seen.speed, way])
         off = seen.gap - self._beside.T @ np.linalg.lstsq(self._beside.T, seen.gap, rcond=None)[0]
@@ -94,8 +94,8 @@ class _Spectrum:
 
     def wave(self, periods: float) -> tuple[float, float, float]:
         """(what is left, rad^2; height, N m; phase at angle 0) of the best wave of so many periods a radian."""
-        torques = (np.sin(periods * self._seen.angle), np.cos(periods * self._seen.angle))
-        waves = np.stack([*(self._seen.moved_by(self._scale, one) for one in torques), *self._beside], axis=1)
+        torques = np.sin(periods * self._angle), np.cos(periods * self._angle)
+        waves = np.stack([*map(self._response, torques), *self._beside], axis=1)
         weights, *_ = np.linalg.lstsq(waves, self._gap, rcond=None)
         left = self._gap - waves @ weights
         return float(left @ left), float(np.hypot(*weights[:2])), float(np.arctan2(weights[1], weights[0]))

@@ -124,22 +124,18 @@ def _start(time_s: np.ndarray, values: np.ndarray) -> tuple[float, float, float,
     Where few samples a second show no speed that soon changes, what twice as many say otherwise counts as uncertain.
     """
     count = max(int(np.searchsorted(time_s, _SETTLE_S, side="right")), _FEWEST)
-    known = np.isfinite(values[:count])
-    if not known.any():
-        known = np.isfinite(values)
-        return (float(values[known.argmax()]) if known.any() else np.nan), 0.0, 0.0, 0.0
-    if known.sum() < _FEWEST:
-        return float(values[known.argmax()]), 0.0, 0.0, 0.0
-    at, angles = time_s[:count][known], values[:count][known]
+    known = np.flatnonzero(np.isfinite(values))
+    early = known[known < count]
+    if len(early) < _FEWEST:
+        return (float(values[known[0]]) if len(known) else np.nan), 0.0, 0.0, 0.0
+    at, angles = time_s[early], values[early]
     slope, offset = np.polyfit(at, angles, 1)
     scatter = float(np.std(angles - slope * at - offset))
     where = scatter / float(np.sqrt(len(at)))
     sigma = scatter / float(np.sqrt(((at - at.mean()) ** 2).sum()))
     if at[-1] > _SETTLE_S:
-        longer = np.isfinite(values[: 2 * count])
-        sigma = float(
-            np.hypot(sigma, np.polyfit(time_s[: 2 * count][longer], values[: 2 * count][longer], 1)[0] - slope)
-        )
+        longer = known[known < 2 * count]
+        sigma = float(np.hypot(sigma, np.polyfit(time_s[longer], values[longer], 1)[0] - slope))
     if abs(slope) * _SETTLE_S > 6.0 * max(scatter, 2e-3):
         return float(offset), float(slope), where, sigma
     return float(np.mean(angles)), 0.0, where, max(sigma, abs(float(slope)))
