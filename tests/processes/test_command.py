@@ -17,6 +17,7 @@ import zenoh
 from bridges.zenoh.client import ask
 from bridges.zenoh.commander import Commander
 from bridges.zenoh.session import open_client
+from tests.processes.conftest import SLOW_MACHINE
 from twin_daemon.cli.leases import keep_lease, lease_file
 from twin_daemon.daemon import cdr
 from twin_daemon.daemon.messages import JointSample
@@ -25,7 +26,6 @@ from twin_daemon.hand import load_hand
 from twin_daemon.security.identity import Identity, Keyring, load_keyring
 
 NS = "shadow_hand"
-SLOW_MACHINE = {"gate": {"heartbeat_s": 2.0, "state_timeout_s": 2.0, "command_age_s": 30.0, "tracking_time_s": 0.5}}
 
 
 class Scene:
@@ -33,7 +33,7 @@ class Scene:
 
     def __init__(self, twin: Any, tmp_path: Path, state_dir: Path, *hand: str, **more: Any) -> None:
         config = tmp_path / "twin.yaml"
-        config.write_text(yaml.safe_dump(SLOW_MACHINE | more))
+        config.write_text(yaml.safe_dump({"gate": SLOW_MACHINE} | more))
         self.twin = twin
         self.log = state_dir / "hands" / NS / "audit.jsonl"
         self.keys = state_dir / "keys.json"
@@ -166,7 +166,7 @@ def test_whoever_dies_the_hand_comes_to_rest(
     if victim == "daemon":
         count = until(lambda: (n := len(scene.sent)) and not _grows(scene, n) and n, 10.0)
         if signal_number == signal.SIGSTOP:
-            time.sleep(SLOW_MACHINE["gate"]["state_timeout_s"] + 0.2)
+            time.sleep(SLOW_MACHINE["state_timeout_s"] + 0.2)
             os.kill(process.pid, signal.SIGCONT)
             ended = until(lambda: (s := commander.status(20.0))["mode"] == "read_only" and s["ended"], 20.0)
             assert "stood still" in ended or "silent" in ended or "last heard" in ended

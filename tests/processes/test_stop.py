@@ -17,13 +17,13 @@ import zenoh
 from bridges.zenoh.client import ask
 from bridges.zenoh.commander import Commander
 from bridges.zenoh.session import open_client, session_config
+from tests.processes.conftest import SLOW_MACHINE
 from twin_daemon.gate.audit import entries_of, verify
 from twin_daemon.hand import load_hand
 from twin_daemon.resources import models_dir
 from twin_daemon.security.identity import load_keyring
 
 NS = "shadow_hand"
-SLOW_MACHINE = {"heartbeat_s": 2.0, "state_timeout_s": 2.0, "command_age_s": 30.0}
 STOP = f"twin/{NS}/command/stop"
 
 
