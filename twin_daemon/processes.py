@@ -136,7 +136,13 @@ def _begun(
     receiver, sender = multiprocessing.Pipe(duplex=False)
     arguments = (work, items, count, processor_s(), os.getpid(), asked, sender, known)
     process = multiprocessing.get_context("fork").Process(target=_work, args=arguments, daemon=True)
-    process.start()
+    collects = gc.isenabled()
+    gc.disable()  # until the new process has set aside what is not its own
+    try:
+        process.start()
+    finally:
+        if collects:
+            gc.enable()
     sender.close()
     return receiver, process
 
@@ -151,6 +157,10 @@ def _work(
     sender: Connection,
     known: Mapping[int, Any],
 ) -> None:
+    # What the first process has thrown away is for that one to finish: a session or a pool of threads, closed here,
+    # would wait for threads that no fork brings along.
+    gc.freeze()
+    gc.enable()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever began this process ends it
     _end_with(parent)
     begin_on_one_core(spent_s, count)

@@ -97,6 +97,37 @@ def test_a_chain_of_changes_keeps_the_first_twin_alone() -> None:
     assert there.terms == last.terms
 
 
+def test_what_was_thrown_away_before_is_finished_by_the_process_that_had_it(tmp_path: Path) -> None:
+    """A session or a pool of threads that is closed in a fork waits for threads which are not there."""
+    finished = tmp_path / "by"
+
+    class Session:
+        def __init__(self) -> None:
+            self.itself = self  # only the collector of cycles finds it
+
+        def __del__(self) -> None:
+            with finished.open("a", encoding="ascii") as file:
+                file.write(f"{os.getpid()}\n")
+
+    def work(n: int, _: Say) -> int:
+        own = Session()
+        del own
+        gc.collect()
+        return os.getpid()
+
+    gc.disable()
+    try:
+        Session()
+        others = {pid for _, pid in side_by_side(work, range(2), print)}
+        assert not gc.isenabled()
+    finally:
+        gc.enable()
+    gc.collect()
+    by = [int(line) for line in finished.read_text(encoding="ascii").split()]
+    assert by.count(os.getpid()) == 1
+    assert sorted(by) == sorted([*others, os.getpid()] if len(others) == 2 else [*others, *others, os.getpid()])
+
+
 def test_an_answer_that_cannot_be_sent_is_an_error() -> None:
     with pytest.raises((AttributeError, pickle.PicklingError)):
         list(side_by_side(lambda *_: lambda: 0, range(2), print))
