@@ -24,7 +24,8 @@ _FAR = 1e3  # times the bounds on a small robot
 class Place:
     """Where an effect acts. `joint`, `actuator`, `tendon` are MJCF names; `command` is the data's.
 
-    `driven` are the MJCF joints that the actuator moves (two for an underactuated finger's J0).
+    `driven` are the MJCF joints that the actuator moves (two for an underactuated finger's J0). `inertia` is what the
+    joint has of links in the model's first pose while all others are free, beside its armature, kg m^2 (kg of a slide).
     """
 
     target: str
@@ -33,6 +34,7 @@ class Place:
     command: str | None = None
     tendon: str | None = None
     driven: tuple[str, ...] = ()
+    inertia: float = 0.0
 
 
 def motor_joint(place: Place) -> str:

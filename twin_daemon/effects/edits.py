@@ -12,6 +12,10 @@ from twin_daemon.effects.base import Place
 from twin_daemon.errors import BadInput
 
 _NO_INPUT = 16  # the signature of `input="none"`
+_STABLE = (
+    0.1  # of the stiffness at which a step diverges; the floors of stick-slip joints hardly change from 0.02 to 0.6
+)
+_LEAST_OF_LINKS = 0.5  # of the links' inertia is left in other poses
 
 
 def linear(element: Any, attribute: str) -> float:
@@ -87,8 +91,20 @@ def add_passive_motor(spec: Any, name: str, kind: Any, target: str | None) -> An
 
 
 def stable_stiffness(spec: Any, place: Place) -> float:
-    """The stiffest spring in N m/rad at a joint that an explicit step bears with a margin, from its armature."""
-    return 0.8 * max(float(spec.joint(place.joint).armature), 2e-5) / float(spec.option.timestep) ** 2
+    """The stiffest bristle in N m/rad at a joint that a step bears with a margin.
+
+    Its pull is that at the end of the step (`actearly`), and MuJoCo takes the joint's damping d implicitly: a step h
+    and an inertia I bear up to (4 I + 2 d h) / (3 h^2).
+    """
+    return _STABLE * 4.0 / 3.0 * _least_inertia(spec, place) / float(spec.option.timestep) ** 2
+
+
+def _least_inertia(spec: Any, place: Place) -> float:
+    """kg m^2 that a joint has in any pose while all others are free, with what its damping counts for in a step."""
+    joint = spec.joint(place.joint)
+    inertia = float(joint.armature) + _LEAST_OF_LINKS * place.inertia
+    implicit = spec.option.integrator != mujoco.mjtIntegrator.mjINT_RK4
+    return inertia + (0.5 * float(spec.option.timestep) * linear(joint, "damping") if implicit else 0.0)
 
 
 def keep_softness(spec: Any, before: mujoco.MjModel, joints: Iterable[str], tendons: Iterable[str]) -> None:

@@ -207,14 +207,16 @@ class TwinModel:
         return places
 
     def _place(self, name: str, joint: str | None, actuator: int | None) -> Place:
+        model, inertia, tendon = self.base_model, 0.0, None
+        if joint is not None:
+            dof = int(model.joint(joint).dofadr[0])
+            inertia = max(1.0 / float(model.dof_invweight0[dof]) - float(model.dof_armature[dof]), 0.0)
         if actuator is None:
-            return Place(target=name, joint=joint)
-        model = self.base_model
-        tendon = None
+            return Place(target=name, joint=joint, inertia=inertia)
         if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_TENDON:
             tendon = model.tendon(int(model.actuator_trnid[actuator, 0])).name
         driven = tuple(model.joint(j).name for j, _ in driven_joints(model, actuator))
-        return Place(name, joint, model.actuator(actuator).name, self.actuators[actuator], tendon, driven)
+        return Place(name, joint, model.actuator(actuator).name, self.actuators[actuator], tendon, driven, inertia)
 
     def scale(self, target: str) -> Scale:
         """How strong things are at a place of the parametrised model, for effects to start from."""
