@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Seen, Story
-from twin_daemon.effects.edits import add_passive_motor, add_to_linear, linear, stable_stiffness
+from twin_daemon.effects.edits import add_passive_motor, add_to_linear, bristle_stiffness, linear
 
 _FLOOR = 1e-9  # N m: the law divides by its torque
 
@@ -59,7 +59,7 @@ class CoulombFriction(Effect):
         holds = values["sticking"] * max(friction, 0.0)
         add_to_linear(spec.joint(place.joint), "frictionloss", friction - holds, place)
         # always there, so that all values share one layout of the model
-        stiffness = stable_stiffness(spec, place)
+        stiffness = bristle_stiffness(spec, place)
         motor = add_passive_motor(spec, f"{place.joint}_coulomb", mujoco.mjtTrn.mjTRN_JOINT, place.joint)
         motor.biasprm = np.array([0, 0, 0, holds + _FLOOR, holds + _FLOOR, 1.0, 0, 0, 0, 0])
         motor.dynprm = np.array([0, 0, 0, 0, 0, stiffness, 0, 0, 0, 0])

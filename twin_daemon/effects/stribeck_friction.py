@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Seen, Story
-from twin_daemon.effects.edits import add_passive_motor, stable_stiffness
+from twin_daemon.effects.edits import add_passive_motor, bristle_stiffness
 
 _FLOOR = 1e-9  # N m: LuGre divides by its friction
 
@@ -18,8 +18,7 @@ class StribeckFriction(Effect):
     """Breakaway friction beside the model's own, as breakaway * exp(-(speed / velocity)^2).
 
     The LuGre law (Canudas de Wit et al. 1995) of a `dcmotor` without input, whose bristle MuJoCo integrates
-    exactly. Its bristles are as stiff as the time step bears, so that what they give way by is an error of the step,
-    which is measured and taken out.
+    exactly.
     """
 
     key = "stribeck_friction"
@@ -44,7 +43,7 @@ class StribeckFriction(Effect):
     contains = ("coulomb_friction",)
 
     def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:
-        stiffness = stable_stiffness(spec, place)
+        stiffness = bristle_stiffness(spec, place)
         motor = add_passive_motor(spec, f"{place.joint}_stribeck", mujoco.mjtTrn.mjTRN_JOINT, place.joint)
         motor.biasprm = np.array([0, 0, 0, _FLOOR, _FLOOR + values["breakaway"], values["velocity"], *np.zeros(4)])
         motor.dynprm = np.array([0, 0, 0, 0, 0, stiffness, 0, 0, 0, 0], float)
