@@ -18,7 +18,7 @@ from twin_daemon.cli.children import free_port
 from twin_daemon.resources import twin_command
 
 # Times of a gate on a machine that does something else beside: tests are about what happens, not about when.
-SLOW_MACHINE = {"heartbeat_s": 2.0, "state_timeout_s": 2.0, "command_age_s": 30.0, "tracking_time_s": 0.5}
+SLOW_MACHINE = {"heartbeat_s": 2.0, "state_timeout_s": 2.0, "command_age_s": 30.0}
 
 
 class Twin:

@@ -15,8 +15,7 @@ import yaml
 from bridges.zenoh.client import ask
 from bridges.zenoh.commander import Commander
 from bridges.zenoh.session import open_client
-from tests.processes.conftest import SLOW_MACHINE
-from tests.processes.test_command import NS, Scene
+from tests.processes.test_command import NS, SLOW_HAND, Scene
 from twin_daemon.gate.audit import entries_of
 from twin_daemon.hand import load_hand
 from twin_daemon.security.identity import load_keyring
@@ -92,7 +91,7 @@ def test_quiet_hours_hold_for_whoever_asks(twin: Any, tmp_path: Path, state_dir:
     now = datetime.now(UTC)
     quiet = f"{now - timedelta(hours=1):%H:%M}-{now + timedelta(hours=1):%H:%M}"
     config = tmp_path / "twin.yaml"
-    config.write_text(yaml.safe_dump({"gate": SLOW_MACHINE, "recalibration": ACTIVE | {"quiet": quiet}}))
+    config.write_text(yaml.safe_dump({"gate": SLOW_HAND, "recalibration": ACTIVE | {"quiet": quiet}}))
     twin.start("run", "-c", str(config))
     session = open_client(twin.endpoint, 60.0)
     assert session is not None

@@ -26,6 +26,7 @@ from twin_daemon.hand import load_hand
 from twin_daemon.security.identity import Identity, Keyring, load_keyring
 
 NS = "shadow_hand"
+SLOW_HAND = SLOW_MACHINE | {"tracking_time_s": 0.5}
 
 
 class Scene:
@@ -33,7 +34,7 @@ class Scene:
 
     def __init__(self, twin: Any, tmp_path: Path, state_dir: Path, *hand: str, **more: Any) -> None:
         config = tmp_path / "twin.yaml"
-        config.write_text(yaml.safe_dump({"gate": SLOW_MACHINE} | more))
+        config.write_text(yaml.safe_dump({"gate": SLOW_HAND} | more))
         self.twin = twin
         self.log = state_dir / "hands" / NS / "audit.jsonl"
         self.keys = state_dir / "keys.json"

@@ -9,8 +9,7 @@ from typing import Any
 
 import pytest
 
-from tests.processes.conftest import SLOW_MACHINE
-from tests.processes.test_command import Scene
+from tests.processes.test_command import SLOW_HAND, Scene
 from twin_daemon.gate.audit import entries_of
 
 # a stiff stop at 0.3 rad, where the range ends at 1.5708
@@ -22,7 +21,7 @@ REVERSED = "reversed:rh_MFJ3"
 
 @pytest.fixture
 def scene(twin: Any, tmp_path: Path, state_dir: Path, until: Any) -> Iterator[Scene]:
-    gate = SLOW_MACHINE | {"tracking": {"rh_MFJ3": {"time_s": 0.1}}}  # as it is where nothing is set
+    gate = SLOW_HAND | {"tracking": {"rh_MFJ3": {"time_s": 0.1}}}  # as it is where nothing is set
     made = Scene(twin, tmp_path, state_dir, "--hidden", BLOCKED, "--fault", REVERSED, gate=gate)
     until(lambda: made.measured, 30.0)
     yield made

@@ -12,8 +12,8 @@ import yaml
 from bridges.zenoh.client import ask
 from bridges.zenoh.commander import Commander
 from bridges.zenoh.session import open_client
-from tests.processes.conftest import SLOW_MACHINE, Twin, until
-from tests.processes.test_automatic import ACTIVE, NS
+from tests.processes.conftest import Twin, until
+from tests.processes.test_automatic import ACTIVE, NS, SLOW_HAND
 from tests.web.browser import Browser
 from twin_daemon.hand import load_hand
 from twin_daemon.security.identity import load_keyring
@@ -27,7 +27,7 @@ def test_the_page_counts_down_and_its_button_cancels(
     workbench: Any, processes: Twin, browser: Browser, tmp_path: Path, state_dir: Path
 ) -> None:
     config = tmp_path / "twin.yaml"
-    config.write_text(yaml.safe_dump({"gate": SLOW_MACHINE} | {"recalibration": ACTIVE | {"countdown_s": 20.0}}))
+    config.write_text(yaml.safe_dump({"gate": SLOW_HAND, "recalibration": ACTIVE | {"countdown_s": 20.0}}))
     processes.start("run", "-c", str(config))
     processes.start("hand", "--trajectory", "none")
     served = workbench()

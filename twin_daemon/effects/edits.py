@@ -97,9 +97,9 @@ def bristle_stiffness(spec: Any, place: Place) -> float:
     """What the bristles of dry friction have at a joint, N m/rad.
 
     They give way by friction over stiffness, which shrinks with the square of the step, so that it is an error of the
-    step and taken out with it. MuJoCo pulls by where they were at the step's beginning: stiffer than the joint's
-    damping over the step they ring, the more the stiffer. What stick-slip leaves of development cases hardly changes
-    from a fifth of this to six times as much.
+    step and most of it is taken out with that. MuJoCo pulls by where they were at the step's beginning: stiffer than
+    the joint's damping over the step they ring, the more the stiffer. What stick-slip leaves of development cases
+    hardly changes from a fifth of this to six times as much.
     """
     return _BRISTLE * _least_inertia(spec, place) / float(spec.option.timestep) ** 2
 
