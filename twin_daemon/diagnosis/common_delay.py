@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin_daemon.diagnosis.part_fit import PartFit
-from twin_daemon.diagnosis.thresholds import COMMON_DELAY_SIGMA, DEVIATING_SIGMA
+from twin_daemon.diagnosis.thresholds import COMMON_DELAY_SIGMA, DEVIATING_SIGMA, JOINTS_APART
 from twin_daemon.estimation.solvers.trust_region import differenced
 from twin_daemon.estimation.variables import OnsetVariable
 from twin_daemon.executor import concurrently
@@ -112,8 +112,7 @@ def _said_by(numbered: tuple[int, PartFit]) -> dict[str, _Said]:
     slopes = differenced(problem, point, rows, range(len(point)))
     covariance = np.linalg.pinv(slopes.T @ slopes)
     moved = point - covariance @ (slopes.T @ rows)
-    # a command is taken up at the next time step, anywhere within it: the sigma of a uniform distribution
-    rounded = float(part.twin.model.opt.timestep) / 12.0**0.5
+    rounded = JOINTS_APART * float(part.twin.model.opt.timestep)
     found = {}
     for index, variable in enumerate(problem.variables):
         if isinstance(variable, OnsetVariable) and variable.recordings and variable.prior is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 
 from twin_daemon.diagnosis.conclude import Outcome
 from twin_daemon.diagnosis.far_off import deviating
@@ -24,16 +24,18 @@ def above_floor(
     *,
     seen: bool = False,
     anew: bool = False,
+    late: Set[str] = frozenset(),
 ) -> list[tuple[Reduced, PartFit]]:
     """The groups at which something is missing; what the others say is added to `outcomes`.
 
     `seen` says that a group has moved richly enough for the robot to be called sound; otherwise these have to. Where
-    those that are returned will be looked at `anew`, one that leaves more than right models do is among them.
+    those that are returned will be looked at `anew`, one that leaves more than right models do is among them. Of joints
+    whose commands are known to come `late` it is asked whether an effect explains that, however little they leave.
     """
     found = []
     for reduced, part in sorted(looked_at, key=lambda item: float(item[1].times_floor.max())):
         rich = seen or any(o.within_floor and not o.undetectable for o in outcomes)
-        outcome = within_floor(part, reduced, seed, say, seen=rich, anew=anew)
+        outcome = within_floor(part, reduced, seed, say, seen=rich, anew=anew, late=late)
         if outcome is None:
             found.append((reduced, part))
         else:
@@ -42,7 +44,14 @@ def above_floor(
 
 
 def within_floor(
-    part: PartFit, reduced: Reduced, seed: int, say: Say, *, seen: bool, anew: bool = False
+    part: PartFit,
+    reduced: Reduced,
+    seed: int,
+    say: Say,
+    *,
+    seen: bool,
+    anew: bool = False,
+    late: Set[str] = frozenset(),
 ) -> Outcome | None:
     """What a group says at which nothing is missing; None where something is, or where it is to be looked at `anew`.
 
@@ -57,10 +66,10 @@ def within_floor(
     outcome.left = validation.judge(part.base).adequacy
     if part.plainly_sound and (outcome.left > 1.0 or not seen):
         # what it might have shown, or shows on held-out motion, is said of a group with all that is uncertain fitted
-        return within_floor(look(reduced)[1], reduced, seed, say, seen=seen)
+        return within_floor(look(reduced)[1], reduced, seed, say, seen=seen, late=late)
     outcome.undetectable = undetectable(part) if outcome.left > 1.0 or not seen else []
     say(said)
-    if part.worth_a_look and Screening(part).promising():
+    if (part.worth_a_look or not late.isdisjoint(part.joints)) and Screening(part).promising():
         return None
     # what only held-out motion shows is looked for where the other motion can show it
     if outcome.left <= 1.0 or outcome.undetectable or by_parameters(reduced, validation, seed):

@@ -81,10 +81,11 @@ def diagnose(
             others = [one for one in looked_at if one not in behind]
             feel_each_other = links_uncertain(twin) or reduction.carries
             anew = feel_each_other and any(not part.within_floor for _, part in others)
+            late_at = frozenset(joint for _, part in behind for joint in part.joints)
             above = behind + above_floor(others, outcomes, seed, say, anew=anew)
             if above and (behind or feel_each_other):
                 reduction, again = closer(twin, reduction, looked_at, above)
-                above = above_floor(again, outcomes, seed, say)
+                above = above_floor(again, outcomes, seed, say, late=late_at)
             else:
                 above = [look(reduced) if part.nominal else (reduced, part) for reduced, part in above]
             if len(above) > 1:
@@ -121,7 +122,6 @@ def diagnose(
                 groups = [with_everywhere(group, finding) for group in groups]
                 shared = behind_all(twin, reduction, above, len(begun), seed, say) if len(above) > 1 else None
             fitted = as_fitted(twin, looked_at)
-            late_at = frozenset(joint for _, part in behind for joint in part.joints)
             search = UnitSearch(twin, reduction, fitted, seed, say, most_effects, outcomes, left_out.touching, late_at)
             for unit in units(twin, above):
                 search.search(unit, first)

@@ -91,6 +91,12 @@ COMMON_DELAY_SIGMA = Threshold(
     "sigma",
     "of the delay that all groups agree on, half a cycle each: no command waits for more than a cycle",
 )
+JOINTS_APART = Threshold(
+    0.1,
+    "1",
+    "of a time step: how far apart the delays of joints seem that get their commands at once. A roll-out takes the "
+    "mean of a command over its step, so that this is its error of second order",
+)
 HARDLY_FURTHER = Threshold(
     1.1, "1", "times that: where the same fit within a nat is no further off, it counts. Descents end so far apart"
 )

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from twin_daemon.diagnosis.as_fitted import looked_at_again, with_values
 from twin_daemon.diagnosis.conclude import Outcome
+from twin_daemon.diagnosis.far_off import beyond_any_hand, deviating
 from twin_daemon.diagnosis.floor_check import above_floor, by_parameters
 from twin_daemon.diagnosis.group import look
 from twin_daemon.diagnosis.part_fit import PartFit
@@ -45,7 +46,7 @@ class UnitSearch:
     late: frozenset[str] = frozenset()
 
     def search(self, unit: Sequence[tuple[Reduced, PartFit]], begins: EffectTerm | None = None) -> None:
-        """Searches groups that feel each other one after another, the worst first.
+        """Searches groups that feel each other one after another, the worst first, but before it what one value says.
 
         What is found at the worst one often is all: its neighbours were told a wrong motion of it, or a wrong load. So
         they are looked at anew with it. Where no effect of one group explains it, all that are left are searched as
@@ -60,7 +61,7 @@ class UnitSearch:
         first: Outcome | None = None
         begins = begins if begins and any(begins.target in reduced.joints for reduced, _ in unit) else None
         while len(left) > 1 and not begins:
-            left.sort(key=lambda item: -float(item[1].times_floor.max()))
+            left.sort(key=_how_bad)
             reduced, part = left[0]
             outcome = self._searched(twin, part, reduced)
             most = self._one_each and _takes_most(outcome, left)
@@ -170,6 +171,17 @@ class UnitSearch:
         fits = [found.fit for found in first.accepted]
         beside = PartFit(terms, again.train, again.joints, after=fits[-1], found=fits)
         return look(again) if beside.base.cost < GONE_FAR * begun.part.base.cost else None
+
+
+def _how_bad(group: tuple[Reduced, PartFit]) -> tuple[bool, float]:
+    """What groups are sorted by, the worst first.
+
+    One that is at its floor by a value that no hand has comes before any other: one number says what is wrong there,
+    and until it is said its neighbours are told a wrong motion.
+    """
+    _, part = group
+    by_a_value = part.within_floor and bool(beyond_any_hand(deviating(part)))
+    return not by_a_value, -float(part.times_floor.max())
 
 
 def _is_nearly_all(groups: Sequence[tuple[Reduced, PartFit]]) -> bool:
