@@ -36,6 +36,7 @@ from twin_daemon.effects import LIBRARY
 from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
 from twin_daemon.places import HAND
 from twin_daemon.simulation.alignment import Aligned, predict
+from twin_daemon.simulation.terms import EffectTerm
 from twin_daemon.simulation.twin import TwinModel
 
 
@@ -58,6 +59,10 @@ class Accepted:
     def hypothesis(self) -> Hypothesis:
         assert self.fit.hypothesis is not None
         return self.fit.hypothesis
+
+    @property
+    def term(self) -> EffectTerm:
+        return self.hypothesis.term(self.fit.values)
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -303,7 +308,7 @@ def _finding(accepted: Accepted, unknown: float) -> Finding:
             for motion in judged.motions
         ),
         confusable_with=tuple(rival.hypothesis.name for rival in accepted.rivals),
-        rivals=tuple(rival.hypothesis.term(rival.fit.values) for rival in accepted.rivals),
+        rivals=tuple(rival.term for rival in accepted.rivals),
         probability=(1.0 - unknown) * accepted.posterior[hypothesis.name],
         explanation=effect.story.explanation,
     )

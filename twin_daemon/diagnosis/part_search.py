@@ -61,7 +61,8 @@ class Progress:
 class PartSearch:
     """The search of one part for at most so many effects; `before` is what was asked of some of its joints alone.
 
-    `late` says that commands come later there than at others, and `begins` is the first effect where that is known.
+    `late` says that commands come later there than at others, and `begins` is the first effect where that is known:
+    of a shared cause, or of some of the joints `alone`, with all that it could not be told from there.
     """
 
     part: PartFit
@@ -72,6 +73,7 @@ class PartSearch:
     before: AskedBefore | None = None
     late: bool = False
     begins: EffectTerm | None = None
+    alone: Accepted | None = None
 
     @cached_property
     def validation(self) -> Validation:
@@ -97,7 +99,12 @@ class PartSearch:
         judged, bar = self.validation.judge(fit), decisive(fit)
         if not judged.passes:
             return None
-        return Accepted(part, fit, judged, weighed={hypothesis.name: weight_of(part, fit, bar)}, decisive_nats=bar)
+        found = Accepted(part, fit, judged, weighed={hypothesis.name: weight_of(part, fit, bar)}, decisive_nats=bar)
+        if self.alone is None:
+            return found
+        moved = found.weighed[hypothesis.name] - self.alone.weighed[hypothesis.name]
+        weighed = {name: nats + moved for name, nats in self.alone.weighed.items()}
+        return replace(found, weighed=weighed, rivals=self.alone.rivals)
 
     def outcome(self, begun: Progress | None = None) -> Outcome:
         """What the part lacks: one effect after another; where that leaves too much, from another beginning as well.
@@ -208,7 +215,7 @@ class PartSearch:
         fits = [found.fit for found in outcome.accepted]
         terms = first.twin.terms
         for found in outcome.accepted:
-            terms = terms.with_effect(found.hypothesis.term(found.fit.values))
+            terms = terms.with_effect(found.term)
         part = PartFit(first.twin.changed(terms), first.recordings, first.joints, after=fits[-1], found=fits)
         # beside the effect the nuisances have gone back to where they belong: judged once more as it stands
         validation = Validation(part, self.reduced.holdout, seed=self.seed, first=validation)

@@ -123,6 +123,13 @@ def diagnose(
                 shared = behind_all(twin, reduction, above, len(begun), seed, say) if len(above) > 1 else None
             fitted = as_fitted(twin, looked_at)
             search = UnitSearch(twin, reduction, fitted, seed, say, most_effects, outcomes, left_out.touching, late_at)
+            if not (findings or first) and (beside := search.behind_the_others(above, len(begun))):
+                findings.append(beside.finding)
+                causes.append(beside.posterior)
+                twin = twin.changed(beside.terms)
+                reduction, again = closer(twin, reduction, looked_at, above)
+                above = above_floor(again, outcomes, seed, say)
+                search = replace(search, twin=twin, reduction=reduction, fitted=as_fitted(twin, above))
             for unit in units(twin, above):
                 search.search(unit, first)
             if not findings and (once := said_once(groups, outcomes, seed, say)):

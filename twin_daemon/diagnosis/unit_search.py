@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
+
+import numpy as np
 
 from twin_daemon.diagnosis.as_fitted import looked_at_again, with_values
-from twin_daemon.diagnosis.conclude import Outcome
+from twin_daemon.diagnosis.conclude import Accepted, Outcome
+from twin_daemon.diagnosis.everywhere import behind_all
 from twin_daemon.diagnosis.far_off import beyond_any_hand, deviating
 from twin_daemon.diagnosis.floor_check import above_floor, by_parameters
 from twin_daemon.diagnosis.group import look
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.part_search import PartSearch, Progress, begun_outcome
 from twin_daemon.diagnosis.screening import AskedBefore
+from twin_daemon.diagnosis.shared import Shared
 from twin_daemon.diagnosis.thresholds import GONE_FAR, LEAST_SHARE_OF_ERROR, MOST_OF_IT
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.processes import Say
@@ -26,6 +32,10 @@ def units(twin: TwinModel, above: Sequence[tuple[Reduced, PartFit]]) -> list[lis
     """The groups that are searched together: what happens at one joint is felt by those that carry it."""
     found = [[above[i] for i in members] for members in linked(twin, [r.joints for r, _ in above])]
     return sorted(found, key=lambda unit: -max(float(part.times_floor.max()) for _, part in unit))
+
+
+_Asked: TypeAlias = tuple[Progress, list[tuple[Reduced, PartFit]]]
+"""What the worst group was asked first, and the others that are above the floor beside that."""
 
 
 @dataclass(frozen=True)
@@ -44,14 +54,16 @@ class UnitSearch:
     outcomes: list[Outcome]
     touching: dict[str, tuple[str, ...]]
     late: frozenset[str] = frozenset()
+    _asked: dict[tuple[str, ...], _Asked] = field(default_factory=dict, init=False)
 
     def search(self, unit: Sequence[tuple[Reduced, PartFit]], begins: EffectTerm | None = None) -> None:
         """Searches groups that feel each other one after another, the worst first, but before it what one value says.
 
         What is found at the worst one often is all: its neighbours were told a wrong motion of it, or a wrong load. So
         they are looked at anew with it. Where no effect of one group explains it, all that are left are searched as
-        one, unless it has nearly all of the error, as a cause at another joint shows there, too; so are those that feel
-        an effect which is known to be the first there (`begins`). Of a search for no effect of a group each of them
+        one, unless it has nearly all of the error, as a cause at another joint shows there, too; so are they from the
+        first effect on where that takes most of the error there and hardly any elsewhere, and those that feel an
+        effect which is known to be the first there (`begins`). Of a search for no effect of a group each of them
         only says what it leaves; so do the others where one effect each is asked for and the first takes most away.
         """
         if not self.most_effects:
@@ -63,7 +75,17 @@ class UnitSearch:
         while len(left) > 1 and not begins:
             left.sort(key=_how_bad)
             reduced, part = left[0]
-            outcome = self._searched(twin, part, reduced)
+            search = self._search(part, reduced)
+            if part.joints in self._asked:
+                begun, others = self._asked.pop(part.joints)
+            else:
+                begun = search.begun()
+                others = self._beside(twin, begun, left)[-1]
+            if _has_its_own(others, left[1:]):
+                first = begun.outcome
+                begins = first.accepted[-1].term
+                break
+            outcome = self._ended(twin, search, begun)
             most = self._one_each and _takes_most(outcome, left)
             enough = bool(outcome.accepted) and (outcome.explains or (self._one_each and outcome.left <= 1.0))
             if not enough and not most and not _is_nearly_all(left):
@@ -101,7 +123,13 @@ class UnitSearch:
             reduced, part = look(whole)
         except OutOfTime:
             return first and replace(first, unfinished=True)
-        found = self._searched(twin, part, reduced, first and _asked(first), begins)
+        if begins and first:
+            found = self._searched(twin, part, reduced, begins=begins, alone=first.accepted[-1])
+        else:
+            found = self._searched(twin, part, reduced, first and _asked(first), begins)
+        if begins and first and not (found.explains or found.unfinished):
+            again = self._searched(twin, part, reduced, _asked(first))
+            found = again if again.left < found.left else found
         return first if first and found.unfinished and not found.accepted else found
 
     @property
@@ -125,6 +153,53 @@ class UnitSearch:
                     values.pop(name, None)
         return with_values(twin, values)
 
+    def behind_the_others(self, above: Sequence[tuple[Reduced, PartFit]], groups: int) -> Shared | None:
+        """A cause that several of so many groups share beside what the worst of them has of its own; None without one.
+
+        What the worst one has of its own stood in its way, as it explains nothing of that.
+        """
+        if len(above) < 3:  # beside its own the worst says little of what it shares, and one other may have its own
+            return None
+        worst, *others = sorted(above, key=_how_bad)
+        begun = self._search(worst[1], worst[0]).begun()
+        twin, reduction, left = self._beside(self.twin, begun, [worst, *others])
+        self._asked[worst[1].joints] = begun, left
+        with contextlib.suppress(OutOfTime):
+            if len(left) > 1 and _has_its_own(left, others):
+                return behind_all(twin, reduction, left, groups, self.seed, self.say)
+        return None
+
+    def _beside(
+        self, twin: TwinModel, begun: Progress, groups: Sequence[tuple[Reduced, PartFit]]
+    ) -> tuple[TwinModel, Reduction, list[tuple[Reduced, PartFit]]]:
+        """(a twin with the first effect of the worst group, the robot moving so, the others that are above the floor).
+
+        No others where that effect takes too little of the error, or is all that there is to find.
+        """
+        found, (worst, *others) = begun.outcome, groups
+        if self.most_effects < 2 or begun.ended or found.explains or not found.accepted:
+            return twin, self.reduction, []
+        if found.accepted[-1].fit.cost > (1.0 - MOST_OF_IT) * worst[1].base.cost:
+            return twin, self.reduction, []
+        with_it = _with_found(twin, found)
+        reduction = self.reduction.following(self._as_fitted(with_it, found))
+        try:
+            again = looked_at_again(with_it, reduction, [reduced for reduced, _ in others])
+        except OutOfTime:
+            again = []
+        return with_it, reduction, [one for one in again if not one[1].within_floor]
+
+    def _search(
+        self,
+        part: PartFit,
+        reduced: Reduced,
+        before: AskedBefore | None = None,
+        begins: EffectTerm | None = None,
+        alone: Accepted | None = None,
+    ) -> PartSearch:
+        late = bool(self.late & set(part.joints))
+        return PartSearch(part, reduced, self.seed, self.say, self.most_effects, before, late, begins, alone)
+
     def _searched(
         self,
         twin: TwinModel,
@@ -132,11 +207,14 @@ class UnitSearch:
         reduced: Reduced,
         before: AskedBefore | None = None,
         begins: EffectTerm | None = None,
+        alone: Accepted | None = None,
     ) -> Outcome:
-        search = PartSearch(
-            part, reduced, self.seed, self.say, self.most_effects, before, bool(self.late & set(part.joints)), begins
-        )
-        begun = search.begun()
+        search = self._search(part, reduced, before, begins, alone)
+        return self._ended(twin, search, search.begun())
+
+    def _ended(self, twin: TwinModel, search: PartSearch, begun: Progress) -> Outcome:
+        """What a search comes to from its first effect on."""
+        part, reduced = search.part, search.reduced
         try:
             nearer = self._nearer(twin, begun, reduced)
             if nearer is None:
@@ -184,6 +262,12 @@ def _how_bad(group: tuple[Reduced, PartFit]) -> tuple[bool, float]:
     return not by_a_value, -float(part.times_floor.max())
 
 
+def _has_its_own(again: Sequence[tuple[Reduced, PartFit]], before: Sequence[tuple[Reduced, PartFit]]) -> bool:
+    """Whether a group that was looked at again keeps most of what it left before beyond its floor."""
+    left = {part.joints: float((part.times_floor - 1.0).max()) for _, part in before}
+    return any(float((part.times_floor - 1.0).max()) > MOST_OF_IT * left.get(part.joints, np.inf) for _, part in again)
+
+
 def _is_nearly_all(groups: Sequence[tuple[Reduced, PartFit]]) -> bool:
     """Whether of several groups the first has nearly all of the error, in floors and as torque at its servo.
 
@@ -216,5 +300,5 @@ def _with_found(twin: TwinModel, outcome: Outcome) -> TwinModel:
     """A twin with the effects that were found at a part."""
     terms = twin.terms
     for found in outcome.accepted:
-        terms = terms.with_effect(found.hypothesis.term(found.fit.values))
+        terms = terms.with_effect(found.term)
     return twin.changed(terms)

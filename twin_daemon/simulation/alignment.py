@@ -10,6 +10,7 @@ import numpy as np
 from twin_daemon.errors import BadInput
 from twin_daemon.minimum import lowest
 from twin_daemon.recordings.recording import Recording
+from twin_daemon.recordings.sampling_clock import sample_times
 from twin_daemon.signals.commands import CommandSignal
 from twin_daemon.signals.trajectory import Trajectory
 from twin_daemon.simulation.reactions import Reaction
@@ -36,7 +37,8 @@ class Aligned:
     `reaction` is what joints that a sub-model leaves out do to it. `turns` is the motion before time 0, where that is
     known. `start_sigma` (2, j) rad and rad/s is how well the start is known, `start_response` (s, n, j) rad what so
     much of s positions and velocities does to the readings, where that is more than nothing. `onset_sigma_s` is how
-    well the onset is known, where joints that agree on it have told that.
+    well the onset is known, where joints that agree on it have told that, `time_sigma_s` how well the time of a sample
+    is, where the readings have.
     """
 
     recording: Recording
@@ -54,6 +56,7 @@ class Aligned:
     start_sigma: np.ndarray | None = None
     start_response: np.ndarray | None = None
     onset_sigma_s: float | None = None
+    time_sigma_s: float | None = None
 
     @property
     def states(self) -> np.ndarray:
@@ -144,6 +147,8 @@ def _start(time_s: np.ndarray, values: np.ndarray) -> tuple[float, float, float,
 def align(twin: TwinModel, recording: Recording, trajectory: Trajectory | None = None) -> Aligned:
     """Puts a recording and its commands on one clock; without recorded commands the onset is estimated.
 
+    Times are those at which the readings were taken, where they tell that their stamps are off by chance.
+
     Raises BadInput where the recording shares no joint with the model, or has no commands and no trajectory.
     """
     shared = [name for name in twin.joints if name in recording.joints]
@@ -160,15 +165,17 @@ def align(twin: TwinModel, recording: Recording, trajectory: Trajectory | None =
         measured = np.full((len(recording.stamp_ns), len(twin.joints)), np.nan)
         for name in shared:
             measured[:, twin.joints.index(name)] = recording.position[:, recording.joints.index(name)]
-    time_s = (recording.stamp_ns - recording.stamp_ns[0]) * 1e-9
+    taken = sample_times((recording.stamp_ns - recording.stamp_ns[0]) * 1e-9, measured)
+    time_s = taken.time_s - taken.time_s[0]
     starts = [_start(time_s, column) for column in measured.T]
     (position, velocity), sigma = np.array(starts).T[:2], np.array(starts).T[2:]
     if trajectory is None and recording.commands is not None:
-        signal = CommandSignal.from_stream(recording.commands, int(recording.stamp_ns[0]))
-        _require_drive(twin, signal, recording)
-        return Aligned(
-            recording, twin.joints, time_s, measured, signal, 0.0, False, position, velocity, start_sigma=sigma
+        signal = CommandSignal.from_stream(
+            recording.commands, int(recording.stamp_ns[0]) + round(float(taken.time_s[0]) * 1e9)
         )
+        _require_drive(twin, signal, recording)
+        found = Aligned(recording, twin.joints, time_s, measured, signal, 0.0, False, position, velocity)
+        return replace(found, start_sigma=sigma, time_sigma_s=taken.sigma_s)
     if trajectory is None:
         raise BadInput(
             "the recording holds no commands",
@@ -177,7 +184,8 @@ def align(twin: TwinModel, recording: Recording, trajectory: Trajectory | None =
         )
     signal = CommandSignal.from_trajectory(trajectory)
     _require_drive(twin, signal, recording)
-    found = Aligned(recording, twin.joints, time_s, measured, signal, 0.0, True, position, velocity, start_sigma=sigma)
+    found = Aligned(recording, twin.joints, time_s, measured, signal, 0.0, True, position, velocity)
+    found = replace(found, start_sigma=sigma, time_sigma_s=taken.sigma_s)
     return found.with_onset(command_onset(twin, found))
 
 

@@ -1,0 +1,138 @@
+"""When readings were taken: at their stamps, or on the clock of a controller whose stamps come late by chance.
+
+A stamp that is a millisecond off makes an error of a millirad of a joint that moves with 1 rad/s. Whether it is the
+stamp that is off the clock, or the reading that was taken then, the readings themselves say: taken at the right times
+a motion is smooth. What is left of it by a difference of fourth order is noise, but for the speed times the error of
+the times; the share of the stamps' offsets that is found in there is what the readings follow.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import savgol_coeffs, savgol_filter
+
+_ORDER = 4  # of the difference that nothing of a smooth motion is left of
+_AROUND = 50  # samples to either side that any clock runs evenly over
+_CHANCE = 2.0  # times what independent offsets give, of a mean of squares of a few dozen
+_JITTER = 0.3  # of a period: stamps that are further off keep no clock
+_BESIDE = 10  # samples that say whether a long interval is a missing sample or a late stamp
+_SPEED_S = 0.01  # over which a speed is read, but over no fewer than three samples
+_SPEED_KNOWN = 0.02  # of the squared speed may be the sensor's noise, which makes any share look smaller
+_KNOWN_TO = 0.1  # sigma of a share that counts
+_BLOCK, _BLOCKS = 500, 100  # samples in which most moves, that a long recording is judged by
+_LAGS = _ORDER + 1  # over which what is left repeats itself, being a difference
+
+
+@dataclass(frozen=True)
+class SampleTimes:
+    """`time_s` (n,) of readings on the stamps' clock, and `sigma_s`, how well each is known; None where it is not."""
+
+    time_s: np.ndarray
+    sigma_s: float | None
+
+
+def sample_times(stamp_s: np.ndarray, position: np.ndarray) -> SampleTimes:
+    """When the readings (n, j) rad or m with increasing stamps (n,) s were taken.
+
+    The stamps themselves where they keep no clock, or where too little moves to tell.
+    """
+    as_stamped = SampleTimes(stamp_s, None)
+    if len(stamp_s) <= 2 * _AROUND:
+        return as_stamped
+    number = _numbered(stamp_s)
+    offset, averaged = _off_the_clock(stamp_s, number)
+    jitter = float(offset.std())
+    if not 0.0 < jitter < _JITTER * float(np.median(np.diff(stamp_s))):
+        return as_stamped
+    share, sigma = _share(stamp_s - offset, number, offset, position)
+    if not sigma < _KNOWN_TO:
+        return as_stamped
+    share = float(np.clip(share, 0.0, 1.0))
+    # where both are off, each by its own chance, the share says nothing of a single one; and the clock is a mean
+    unknown = share * (1.0 - share) + sigma**2 + (1.0 - share) ** 2 / averaged
+    time_s = stamp_s - (1.0 - share) * offset
+    return as_stamped if (np.diff(time_s) <= 0.0).any() else SampleTimes(time_s, jitter * float(np.sqrt(unknown)))
+
+
+def _numbered(stamp_s: np.ndarray) -> np.ndarray:
+    """(n,) which sample of the clock each one is: a long interval with all later stamps as late is a missing one."""
+    period = float(np.median(np.diff(stamp_s)))
+    steps = np.ones(len(stamp_s) - 1, int)
+    for gap in np.flatnonzero(np.diff(stamp_s) > 1.5 * period):
+        before, after = stamp_s[max(0, gap + 1 - _BESIDE) : gap + 1], stamp_s[gap + 1 : gap + 1 + _BESIDE]
+        begins = float(np.mean(after - period * np.arange(len(after))))
+        ended = float(np.mean(before + period * np.arange(len(before) - 1, -1, -1)))
+        steps[gap] = max(1, round((begins - ended) / period))
+    return np.concatenate([[0], np.cumsum(steps)])
+
+
+def _off_the_clock(stamp_s: np.ndarray, number: np.ndarray) -> tuple[np.ndarray, float]:
+    """((n,) s by which stamps are later than the clock, how many stamps each of its times is a mean of).
+
+    The clock runs evenly for as long as that leaves nothing but chance in means over a hundred stamps.
+    """
+    later = stamp_s - np.polyval(np.polyfit(number, stamp_s, 1), number)
+    offset, averaged = later, 0.5 * len(later)  # a line has two numbers
+    half = len(later) // 4
+    while half >= _AROUND and not _only_chance(offset):
+        offset, averaged = later - _running_mean(later, half), 2.0 * half + 1.0
+        half //= 2
+    return offset, averaged
+
+
+def _only_chance(offset: np.ndarray) -> bool:
+    """Whether means of offsets (n,) over a hundred vary as those of independent ones do."""
+    means = offset[: len(offset) // (2 * _AROUND) * 2 * _AROUND].reshape(-1, 2 * _AROUND).mean(axis=1)
+    return float(np.mean(means**2)) < _CHANCE * float(offset.var()) / (2 * _AROUND)
+
+
+def _running_mean(values: np.ndarray, half: int) -> np.ndarray:
+    """(n,) the mean of values (n,) and so many to either side, of fewer at the ends."""
+    total = np.concatenate([[0.0], np.cumsum(values)])
+    begin = np.maximum(np.arange(len(values)) - half, 0)
+    end = np.minimum(np.arange(len(values)) + half + 1, len(values))
+    return (total[end] - total[begin]) / (end - begin)
+
+
+def _share(clock_s: np.ndarray, number: np.ndarray, offset: np.ndarray, position: np.ndarray) -> tuple[float, float]:
+    """(share of the stamps' offsets that the readings follow, its sigma): least squares over all joints that move."""
+    period = float(np.median(np.diff(clock_s)))
+    width = max(3, 2 * round(0.5 * _SPEED_S / period) + 1)
+    told: list[tuple[np.ndarray, np.ndarray]] = []
+    for block in _moving_most(position):
+        steady = (np.lib.stride_tricks.sliding_window_view(np.diff(number[block]), _ORDER) == 1).all(axis=1)
+        for values in position[block].T:
+            if not np.isfinite(values).all() or len(values) < 2 * width:
+                continue
+            noise = float(np.median(np.abs(np.diff(values, n=_ORDER)))) / 0.6745 / 70.0**0.5
+            slopes = np.asarray(savgol_filter(values, width, 2, deriv=1, delta=period))
+            weights = savgol_coeffs(width, 2, deriv=1, delta=period)
+            of_noise = noise**2 * float(weights @ weights)
+            if of_noise > _SPEED_KNOWN * float(np.mean(slopes**2)):
+                continue
+            seen, asked = (np.diff(one, n=_ORDER)[steady] for one in (values, offset[block] * slopes))
+            scale = float(np.std(seen)) or 1.0
+            told.append((asked / scale, seen / scale))
+    information = sum(float(asked @ asked) for asked, _ in told)
+    if information <= 0.0:
+        return 1.0, np.inf
+    share = sum(float(asked @ seen) for asked, seen in told) / information
+    variance = sum(_repeated(asked * (seen - share * asked)) for asked, seen in told)
+    return share, float(np.sqrt(max(variance, 0.0))) / information
+
+
+def _repeated(scores: np.ndarray) -> float:
+    """The variance of a sum of scores (m,) that resemble those just before them (Newey and West 1987)."""
+    lags = [(1.0 - lag / (_LAGS + 1.0)) * float(scores[lag:] @ scores[:-lag]) for lag in range(1, _LAGS + 1)]
+    return float(scores @ scores) + 2.0 * sum(lags)
+
+
+def _moving_most(position: np.ndarray) -> list[slice]:
+    """All of a short recording; of a long one the blocks of samples in which most moves."""
+    if len(position) <= _BLOCK * _BLOCKS:
+        return [slice(0, len(position))]
+    blocks = [slice(begin, begin + _BLOCK) for begin in range(0, len(position) - _BLOCK + 1, _BLOCK)]
+    moves = [float(np.nansum(np.diff(position[block][::10], axis=0) ** 2)) for block in blocks]
+    return [blocks[i] for i in sorted(np.argsort(moves)[-_BLOCKS:])]
