@@ -84,8 +84,12 @@ def in_common(
     One gain may be three sigma off. Eleven that are three sigma off the same way are a supply that sags: under what is
     known of nominal values their mean has a sigma of one over the root of eleven. A weak servo without gravity looks
     like one with more to move, and a late bus like damping, so that whatever is off asks for all of them. But where
-    all agree on a delay that a cycle of the robot explains, what made up for it in each of them is no cause.
+    all agree on a delay that a cycle of the robot explains, what made up for it in each of them is no cause. A few that
+    have something of their own say nothing of it.
     """
+    groups, looked_at = len(looked_at), [one for one in looked_at if one[1].within_floor]
+    if 2 * len(looked_at) <= groups:
+        return None
     if not any(_off_the_same_way(looked_at, kind) for kind in (*NOMINAL_KINDS, _DELAY)):
         return None
     delays = within_a_cycle([part for _, part in looked_at])

@@ -83,8 +83,10 @@ def diagnose(
             anew = feel_each_other and any(not part.within_floor for _, part in others)
             late_at = frozenset(joint for _, part in behind for joint in part.joints)
             above = behind + above_floor(others, outcomes, seed, say, anew=anew)
+            known = {part.joints: (reduced, part) for reduced, part in looked_at}
             if above and (behind or feel_each_other):
                 reduction, again = closer(twin, reduction, looked_at, above)
+                known |= {part.joints: (reduced, part) for reduced, part in again}
                 above = above_floor(again, outcomes, seed, say, late=late_at)
             else:
                 above = [look(reduced) if part.nominal else (reduced, part) for reduced, part in above]
@@ -92,8 +94,8 @@ def diagnose(
                 shared = behind_all(twin, reduction, above, len(looked_at), seed, say)
                 if shared is not None and shared.one_of_several:
                     first, shared = shared.finding.term, None
-            elif not above and shared is None:
-                shared = in_common(twin, reduction, looked_at, seed, say)
+            if shared is None and first is None:
+                shared = in_common(twin, reduction, list(known.values()), seed, say)
             if not above and shared is None:
                 reduction, above, seen = when_near(twin, reduction, looked_at, unseen, outcomes, seed, say)
                 groups += seen
@@ -126,7 +128,8 @@ def diagnose(
             if not (findings or first) and (beside := search.behind_the_others(above, len(begun))):
                 findings.append(beside.finding)
                 causes.append(beside.posterior)
-                twin = twin.changed(beside.terms)
+                # alone: what the worst one has of its own is searched again beside it
+                twin = twin.changed(twin.terms.with_effect(beside.finding.term))
                 reduction, again = closer(twin, reduction, looked_at, above)
                 above = above_floor(again, outcomes, seed, say)
                 search = replace(search, twin=twin, reduction=reduction, fitted=as_fitted(twin, above))

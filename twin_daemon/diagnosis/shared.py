@@ -77,6 +77,14 @@ def _is_forced(part: PartFit) -> bool:
     return bool(beyond_any_hand(deviating(part)))
 
 
+def _least_cost(part: PartFit) -> float:
+    """What a part's nuisances can bring its cost to, to first order: their fit ends where the floor is reached."""
+    fit = part.base
+    rows = fit.problem.residuals(fit.point[None])[0]
+    least = rows + fit.slopes @ np.linalg.lstsq(fit.slopes, -rows, rcond=None)[0]
+    return float(least @ least)
+
+
 @dataclass(frozen=True)
 class _Begun:
     """A cause with values, and what all groups leave with it: rows (m,)."""
@@ -295,6 +303,12 @@ class SharedSearch:
         found, slopes, there = self.settled(begun)
         looked_at = there.beside(found.cause, found.values)
         squares = passing(self._above, looked_at, seed)
+        if None in squares and found.cause.effect.shared != "load":
+            # the others may move more like the robot as what is uncertain about each was fitted than as the cause says
+            before = self.beside(found.cause, found.values)
+            other = passing(self._above, before, seed)
+            if other.count(None) < squares.count(None):
+                looked_at, squares = before, other
         both = zip(self._above, looked_at, strict=True) if looked_at else ()
         helped = bool(looked_at) and all(new.base.cost < old.base.cost for (_, old), (_, new) in both)
         return _Held(found, slopes, there, looked_at, squares, helped)
@@ -345,7 +359,7 @@ class SharedSearch:
         ties = tuple(o.cause.name for o in others if 0.5 * (o.cost - best.cost) < DECISIVE_NATS)
         shares = posterior({one.cause.name: 0.5 * (nothing - one.cost) for one in fits}, DECISIVE_NATS)
         both = zip(above, looked_at, strict=True)
-        evidence = 0.5 * sum(old.base.cost - new.base.cost for (_, old), (_, new) in both)
+        evidence = 0.5 * sum(_least_cost(old) - _least_cost(new) for (_, old), (_, new) in both)
         if any(old.nominal for _, old in above):
             # over what the uncertain values could do instead, which nobody has fitted: on what was searched
             evidence = 0.5 * (nothing - found.cost)

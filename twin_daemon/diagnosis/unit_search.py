@@ -158,15 +158,19 @@ class UnitSearch:
 
         What the worst one has of its own stood in its way, as it explains nothing of that.
         """
-        if len(above) < 3:  # beside its own the worst says little of what it shares, and one other may have its own
+        if len(above) < 2:
             return None
         worst, *others = sorted(above, key=_how_bad)
         begun = self._search(worst[1], worst[0]).begun()
         twin, reduction, left = self._beside(self.twin, begun, [worst, *others])
         self._asked[worst[1].joints] = begun, left
         with contextlib.suppress(OutOfTime):
-            if len(left) > 1 and _has_its_own(left, others):
-                return behind_all(twin, reduction, left, groups, self.seed, self.say)
+            if _has_its_own(left, others):
+                # the worst one shares it as well where it leaves more than its floor beside what it has of its own
+                again = looked_at_again(twin, reduction, [worst[0]])
+                left = [*(one for one in again if not one[1].within_floor), *left]
+                if len(left) > 1:
+                    return behind_all(twin, reduction, left, groups, self.seed, self.say)
         return None
 
     def _beside(
