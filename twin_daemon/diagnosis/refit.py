@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from twin_daemon.diagnosis.as_fitted import links_uncertain
 from twin_daemon.diagnosis.candidates import Hypothesis, candidate, informed
 from twin_daemon.diagnosis.fit import Fit, own_columns, own_estimates
 from twin_daemon.diagnosis.part_fit import PartFit
@@ -62,6 +63,7 @@ def refit_effect(
         return refit_shared(twin, recordings, effect, given, start=start)
     moving = set(moving_joints(recordings))
     reduction = Reduction(twin, recordings, ())
+    reduction = reduction.with_link_masses(twin) if links_uncertain(twin) else reduction
     terms: list[EffectTerm] = []
     values: dict[str, Estimate] = {}
     parameters: dict[str, float] = {}

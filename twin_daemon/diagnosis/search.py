@@ -132,7 +132,8 @@ def diagnose(
                 twin = twin.changed(twin.terms.with_effect(beside.finding.term))
                 reduction, again = closer(twin, reduction, looked_at, above)
                 above = above_floor(again, outcomes, seed, say)
-                search = replace(search, twin=twin, reduction=reduction, fitted=as_fitted(twin, above))
+                fitted = as_fitted(twin, [*looked_at, *above])
+                search = replace(search, twin=twin, reduction=reduction, fitted=fitted)
             for unit in units(twin, above):
                 search.search(unit, first)
             if not findings and (once := said_once(groups, outcomes, seed, say)):

@@ -76,11 +76,8 @@ class UnitSearch:
             left.sort(key=_how_bad)
             reduced, part = left[0]
             search = self._search(part, reduced)
-            if part.joints in self._asked:
-                begun, others = self._asked.pop(part.joints)
-            else:
-                begun = search.begun()
-                others = self._beside(twin, begun, left)[-1]
+            begun, others = self._asked.pop(part.joints, None) or (search.begun(), None)
+            others = self._beside(twin, begun, left)[-1] if others is None else others
             if _has_its_own(others, left[1:]):
                 first = begun.outcome
                 begins = first.accepted[-1].term
@@ -103,7 +100,9 @@ class UnitSearch:
                 return
         if len(left) == 1:
             reduced, part = left[0]
-            self.outcomes.append(self._searched(twin, part, reduced, begins=begins))
+            search = self._search(part, reduced, begins=begins)
+            begun, _ = self._asked.pop(part.joints, None) or (search.begun(), None)
+            self.outcomes.append(self._ended(twin, search, begun))
         elif left and (found := self._together(twin, left, first, begins)) is not None:
             self.outcomes.append(found)
 
@@ -158,7 +157,7 @@ class UnitSearch:
 
         What the worst one has of its own stood in its way, as it explains nothing of that.
         """
-        if len(above) < 2:
+        if len(above) < 2 or self.most_effects < 2:
             return None
         worst, *others = sorted(above, key=_how_bad)
         begun = self._search(worst[1], worst[0]).begun()

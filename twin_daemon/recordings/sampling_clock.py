@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import savgol_coeffs, savgol_filter
 
 _ORDER = 4  # of the difference that nothing of a smooth motion is left of
 _AROUND = 50  # samples to either side that any clock runs evenly over
@@ -99,20 +98,22 @@ def _running_mean(values: np.ndarray, half: int) -> np.ndarray:
 def _share(clock_s: np.ndarray, number: np.ndarray, offset: np.ndarray, position: np.ndarray) -> tuple[float, float]:
     """(share of the stamps' offsets that the readings follow, its sigma): least squares over all joints that move."""
     period = float(np.median(np.diff(clock_s)))
-    width = max(3, 2 * round(0.5 * _SPEED_S / period) + 1)
+    half = max(1, round(0.5 * _SPEED_S / period))
+    steps = np.arange(-half, half + 1.0)  # the slope of a line, or of a parabola, through so many samples
     told: list[tuple[np.ndarray, np.ndarray]] = []
     for block in _moving_most(position):
-        steady = (np.lib.stride_tricks.sliding_window_view(np.diff(number[block]), _ORDER) == 1).all(axis=1)
+        inner = slice(block.start + half, block.stop - half)
+        steady = (np.lib.stride_tricks.sliding_window_view(np.diff(number[inner]), _ORDER) == 1).all(axis=1)
         for values in position[block].T:
-            if not np.isfinite(values).all() or len(values) < 2 * width:
+            if not np.isfinite(values).all():
                 continue
             noise = float(np.median(np.abs(np.diff(values, n=_ORDER)))) / 0.6745 / 70.0**0.5
-            slopes = np.asarray(savgol_filter(values, width, 2, deriv=1, delta=period))
-            weights = savgol_coeffs(width, 2, deriv=1, delta=period)
-            of_noise = noise**2 * float(weights @ weights)
+            slopes = np.correlate(values, steps, "valid") / (float(steps @ steps) * period)
+            of_noise = noise**2 / (float(steps @ steps) * period**2)
             if of_noise > _SPEED_KNOWN * float(np.mean(slopes**2)):
                 continue
-            seen, asked = (np.diff(one, n=_ORDER)[steady] for one in (values, offset[block] * slopes))
+            pair = values[half:-half], offset[inner] * slopes
+            seen, asked = (np.diff(one, n=_ORDER)[steady] for one in pair)
             scale = float(np.std(seen)) or 1.0
             told.append((asked / scale, seen / scale))
     information = sum(float(asked @ asked) for asked, _ in told)
