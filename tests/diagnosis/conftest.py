@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -86,3 +88,12 @@ def called(*argv: str, result: Path) -> dict[str, Any]:
     content = json.loads(result.read_text(encoding="utf-8"), parse_constant=refuse)
     assert content["schema"] == 1
     return content
+
+
+def said_of_case(seed: int, folder: Path) -> dict[str, Any]:
+    """What is said of a development case of the hidden suite."""
+    export = ["-m", "bench.random_robots", "--export", str(folder), "--seed", str(seed), "--count", "1"]
+    subprocess.run([sys.executable, *export], check=True, timeout=120, stdout=subprocess.DEVNULL)
+    case = folder / f"case_{seed}"
+    return called("diagnose", "--model", f"{case}.xml", "--recording", f"{case}_fit", "--holdout", f"{case}_holdout",
+                  result=folder / "d.json")  # fmt: skip

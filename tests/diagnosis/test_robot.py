@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.diagnosis.conftest import called
+from tests.diagnosis.conftest import called, said_of_case
 from tests.diagnosis.rig import DELAY_S, LAZY, SERVOS, changed_rig, late_rig
 from twin_daemon.cli.app import main
 from twin_daemon.diagnosis.group import at_nominal
@@ -225,3 +225,13 @@ def test_a_look_at_the_whole_robot_alone_searches_no_group(tmp_path: Path) -> No
     assert not looked_at.interrupted
     assert looked_at.parts["left"].times_floor > 10.0
     assert not looked_at.tried
+
+
+@pytest.mark.slow
+def test_a_weak_supply_is_one_cause_of_a_hand_whose_values_are_off_as_well(tmp_path: Path) -> None:
+    """Each of its seven servos alone is at two thirds of its gain, give or take what the model is off by."""
+    said = said_of_case(5158, tmp_path)
+    assert said["verdict"] == "explained"
+    assert [(one["effect"], one["target"]) for one in said["findings"]] == [("actuator_gain", ROBOT)]
+    low, high = said["findings"][0]["parameters"]["factor"]["ci95"]
+    assert low < 0.647 < high

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.diagnosis.conftest import called
+from tests.diagnosis.conftest import said_of_case
 from tests.simulation.made import Motion, recorded
 from twin_daemon.diagnosis.group import at_nominal
 from twin_daemon.diagnosis.shared import SharedSearch
@@ -66,7 +63,7 @@ def test_a_load_that_a_light_one_says_too_much_of_begins_at_less(tmp_path: Path)
 @pytest.mark.slow
 def test_a_load_is_not_all_where_a_value_has_to_go_far_beside_it(tmp_path: Path) -> None:
     """A ripple at an arm's base, beside a load at its elbow, would else be taken for three times the base's inertia."""
-    said = _said_of_case(4398, tmp_path)
+    said = said_of_case(4398, tmp_path)
     assert {one["target"]: one["effect"] for one in said["findings"]} == {"elbow": "payload", "pan": "torque_ripple"}
     assert said["verdict"] == "explained"
 
@@ -74,15 +71,6 @@ def test_a_load_is_not_all_where_a_value_has_to_go_far_beside_it(tmp_path: Path)
 @pytest.mark.slow
 def test_a_tilt_is_found_beside_what_one_joint_has_of_its_own(tmp_path: Path) -> None:
     """Dry friction that bends first has nearly all of a finger's error, and no tilt explains anything of it."""
-    said = _said_of_case(5118, tmp_path)
+    said = said_of_case(5118, tmp_path)
     assert {one["target"]: one["effect"] for one in said["findings"]} == {"F1J1": "hysteresis", "hand": "gravity_tilt"}
     assert said["verdict"] in ("explained", "ambiguous")
-
-
-def _said_of_case(seed: int, folder: Path) -> dict[str, Any]:
-    """What is said of a development case of the hidden suite."""
-    export = ["-m", "bench.random_robots", "--export", str(folder), "--seed", str(seed), "--count", "1"]
-    subprocess.run([sys.executable, *export], check=True, timeout=120, stdout=subprocess.DEVNULL)
-    case = folder / f"case_{seed}"
-    return called("diagnose", "--model", f"{case}.xml", "--recording", f"{case}_fit", "--holdout", f"{case}_holdout",
-                  result=folder / "d.json")  # fmt: skip
