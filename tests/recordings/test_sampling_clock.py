@@ -77,3 +77,13 @@ def test_where_nothing_tells_the_stamps_are_what_counts(case: str) -> None:
     found = sample_times(stamps, angles)
     assert found.sigma_s is None
     assert found.time_s is stamps
+
+
+@pytest.mark.parametrize("rate_hz", [2.0, 1e4, 1e6])
+@pytest.mark.parametrize("samples", [2, 101, 140])
+def test_recordings_of_any_rate_and_length_are_taken(rate_hz: float, samples: int) -> None:
+    random = np.random.default_rng(6)
+    stamps = (np.arange(samples) + 0.1 * random.standard_normal(samples)) / rate_hz
+    found = sample_times(stamps, _angles(stamps, random))
+    assert found.time_s.shape == stamps.shape
+    assert (np.diff(found.time_s) > 0.0).all()

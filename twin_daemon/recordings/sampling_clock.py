@@ -98,7 +98,7 @@ def _running_mean(values: np.ndarray, half: int) -> np.ndarray:
 def _share(clock_s: np.ndarray, number: np.ndarray, offset: np.ndarray, position: np.ndarray) -> tuple[float, float]:
     """(share of the stamps' offsets that the readings follow, its sigma): least squares over all joints that move."""
     period = float(np.median(np.diff(clock_s)))
-    half = max(1, round(0.5 * _SPEED_S / period))
+    half = int(np.clip(round(0.5 * _SPEED_S / period), 1, _AROUND // 2))
     steps = np.arange(-half, half + 1.0)  # the slope of a line, or of a parabola, through so many samples
     told: list[tuple[np.ndarray, np.ndarray]] = []
     for block in _moving_most(position):
