@@ -20,12 +20,12 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from twin_daemon.comparison.noise import noise_variance
 from twin_daemon.effects import LIBRARY
 from twin_daemon.effects.base import Effect, Parameter
 from twin_daemon.errors import BadInput
 from twin_daemon.hand import load_hand
 from twin_daemon.recordings import load_recording
+from twin_daemon.recordings.noise import noise_variance
 from twin_daemon.simulation.alignment import Aligned, align, predict
 from twin_daemon.simulation.terms import EffectTerm, Terms
 from twin_daemon.simulation.twin import TwinModel

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin_daemon.comparison.noise import noise_variance
 from twin_daemon.minimum import lowest
+from twin_daemon.recordings.noise import noise_variance
 from twin_daemon.simulation.alignment import Aligned, command_onset, model_onset, predict
 from twin_daemon.simulation.twin import TwinModel
 

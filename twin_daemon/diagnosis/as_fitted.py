@@ -19,6 +19,11 @@ def links_uncertain(twin: TwinModel) -> bool:
     return twin.hand.description.nominal_uncertainty.mass > 0.0
 
 
+def with_uncertain_links(twin: TwinModel, reduction: Reduction) -> Reduction:
+    """The reduction in which links may be heavier or lighter, where they may."""
+    return reduction.with_link_masses(twin) if links_uncertain(twin) else reduction
+
+
 def closer(
     twin: TwinModel,
     reduction: Reduction,
@@ -29,7 +34,7 @@ def closer(
     the groups above the floor fitted anew on that).
     """
     reduction = reduction.following(with_values(twin, as_fitted(twin, looked_at)))
-    reduction = reduction.with_link_masses(twin) if links_uncertain(twin) else reduction
+    reduction = with_uncertain_links(twin, reduction)
     return reduction, looked_at_again(twin, reduction, [reduced for reduced, _ in above])
 
 

@@ -62,6 +62,7 @@ class Accepted:
 
     @property
     def term(self) -> EffectTerm:
+        """The effect at its place, with its values as fitted."""
         return self.hypothesis.term(self.fit.values)
 
     @property

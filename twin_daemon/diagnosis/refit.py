@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin_daemon.diagnosis.as_fitted import links_uncertain
+from twin_daemon.diagnosis.as_fitted import with_uncertain_links
 from twin_daemon.diagnosis.candidates import Hypothesis, candidate, informed
 from twin_daemon.diagnosis.fit import Fit, own_columns, own_estimates
 from twin_daemon.diagnosis.part_fit import PartFit
@@ -62,8 +62,7 @@ def refit_effect(
     if ROBOT in targets:
         return refit_shared(twin, recordings, effect, given, start=start)
     moving = set(moving_joints(recordings))
-    reduction = Reduction(twin, recordings, ())
-    reduction = reduction.with_link_masses(twin) if links_uncertain(twin) else reduction
+    reduction = with_uncertain_links(twin, Reduction(twin, recordings, ()))
     terms: list[EffectTerm] = []
     values: dict[str, Estimate] = {}
     parameters: dict[str, float] = {}

@@ -303,7 +303,8 @@ class SharedSearch:
         found, slopes, there = self.settled(begun)
         looked_at = there.beside(found.cause, found.values)
         squares = passing(self._above, looked_at, seed)
-        if None in squares and found.cause.effect.shared != "load":
+        fitted = not any(part.nominal for _, part in self._above)
+        if None in squares and fitted and found.cause.effect.shared != "load":
             # the others may move more like the robot as what is uncertain about each was fitted than as the cause says
             before = self.beside(found.cause, found.values)
             other = passing(self._above, before, seed)
@@ -359,10 +360,11 @@ class SharedSearch:
         ties = tuple(o.cause.name for o in others if 0.5 * (o.cost - best.cost) < DECISIVE_NATS)
         shares = posterior({one.cause.name: 0.5 * (nothing - one.cost) for one in fits}, DECISIVE_NATS)
         both = zip(above, looked_at, strict=True)
-        evidence = 0.5 * sum(_least_cost(old) - _least_cost(new) for (_, old), (_, new) in both)
         if any(old.nominal for _, old in above):
             # over what the uncertain values could do instead, which nobody has fitted: on what was searched
             evidence = 0.5 * (nothing - found.cost)
+        else:
+            evidence = 0.5 * sum(_least_cost(old) - _least_cost(new) for (_, old), (_, new) in both)
         if evidence < DECISIVE_NATS:
             return None
         joints = tuple(dict.fromkeys(joint for reduced, _ in self._above for joint in reduced.joints))

@@ -10,7 +10,7 @@ from typing import TypeAlias
 import numpy as np
 
 from twin_daemon.diagnosis.as_fitted import looked_at_again, with_values
-from twin_daemon.diagnosis.conclude import Accepted, Outcome
+from twin_daemon.diagnosis.conclude import Outcome
 from twin_daemon.diagnosis.everywhere import behind_all
 from twin_daemon.diagnosis.far_off import beyond_any_hand, deviating
 from twin_daemon.diagnosis.floor_check import above_floor, by_parameters
@@ -57,7 +57,7 @@ class UnitSearch:
     _asked: dict[tuple[str, ...], _Asked] = field(default_factory=dict, init=False)
 
     def search(self, unit: Sequence[tuple[Reduced, PartFit]], begins: EffectTerm | None = None) -> None:
-        """Searches groups that feel each other one after another, the worst first, but before it what one value says.
+        """Searches groups that feel each other one after another, the worst first (see `_how_bad`).
 
         What is found at the worst one often is all: its neighbours were told a wrong motion of it, or a wrong load. So
         they are looked at anew with it. Where no effect of one group explains it, all that are left are searched as
@@ -100,9 +100,8 @@ class UnitSearch:
                 return
         if len(left) == 1:
             reduced, part = left[0]
-            search = self._search(part, reduced, begins=begins)
-            begun, _ = self._asked.pop(part.joints, None) or (search.begun(), None)
-            self.outcomes.append(self._ended(twin, search, begun))
+            begun, _ = self._asked.pop(part.joints, (None, None))
+            self.outcomes.append(self._ended(twin, replace(self._search(part, reduced), begins=begins), begun))
         elif left and (found := self._together(twin, left, first, begins)) is not None:
             self.outcomes.append(found)
 
@@ -122,13 +121,15 @@ class UnitSearch:
             reduced, part = look(whole)
         except OutOfTime:
             return first and replace(first, unfinished=True)
-        if begins and first:
-            found = self._searched(twin, part, reduced, begins=begins, alone=first.accepted[-1])
+        asked = self._search(part, reduced, first and _asked(first))
+        if not begins:
+            found = self._ended(twin, asked)
         else:
-            found = self._searched(twin, part, reduced, first and _asked(first), begins)
-        if begins and first and not (found.explains or found.unfinished):
-            again = self._searched(twin, part, reduced, _asked(first))
-            found = again if again.left < found.left else found
+            known = replace(asked, before=None, begins=begins, alone=first and first.accepted[-1])
+            found = self._ended(twin, known)
+            if first and not (found.explains or found.unfinished):
+                again = self._ended(twin, asked)
+                found = again if again.left < found.left else replace(found, unfinished=again.unfinished)
         return first if first and found.unfinished and not found.accepted else found
 
     @property
@@ -192,32 +193,14 @@ class UnitSearch:
             again = []
         return with_it, reduction, [one for one in again if not one[1].within_floor]
 
-    def _search(
-        self,
-        part: PartFit,
-        reduced: Reduced,
-        before: AskedBefore | None = None,
-        begins: EffectTerm | None = None,
-        alone: Accepted | None = None,
-    ) -> PartSearch:
+    def _search(self, part: PartFit, reduced: Reduced, before: AskedBefore | None = None) -> PartSearch:
         late = bool(self.late & set(part.joints))
-        return PartSearch(part, reduced, self.seed, self.say, self.most_effects, before, late, begins, alone)
+        return PartSearch(part, reduced, self.seed, self.say, self.most_effects, before, late)
 
-    def _searched(
-        self,
-        twin: TwinModel,
-        part: PartFit,
-        reduced: Reduced,
-        before: AskedBefore | None = None,
-        begins: EffectTerm | None = None,
-        alone: Accepted | None = None,
-    ) -> Outcome:
-        search = self._search(part, reduced, before, begins, alone)
-        return self._ended(twin, search, search.begun())
-
-    def _ended(self, twin: TwinModel, search: PartSearch, begun: Progress) -> Outcome:
-        """What a search comes to from its first effect on."""
+    def _ended(self, twin: TwinModel, search: PartSearch, begun: Progress | None = None) -> Outcome:
+        """What a search comes to, from its first effect on where that is known."""
         part, reduced = search.part, search.reduced
+        begun = begun or search.begun()
         try:
             nearer = self._nearer(twin, begun, reduced)
             if nearer is None:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from twin_daemon.comparison.noise import noise_variance, resolution
 from twin_daemon.estimation.thresholds import LEAST_NOISE_RAD, SPEED_SAMPLES
+from twin_daemon.recordings.noise import noise_variance, resolution
 from twin_daemon.simulation.alignment import Aligned
 
 

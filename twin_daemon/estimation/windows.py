@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twin_daemon.comparison.noise import noise_variance
 from twin_daemon.estimation.thresholds import (
     AFTER_CONTACT_S,
     BEFORE_CONTACT_S,
@@ -31,6 +30,7 @@ from twin_daemon.estimation.thresholds import (
     STRETCH_S,
     UNSCORED_S,
 )
+from twin_daemon.recordings.noise import noise_variance
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.turns import Turns, turning_points
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin_daemon.comparison.noise import noise_variance
 from twin_daemon.estimation.uncertainty import Estimate, block_gain, block_samples
 from twin_daemon.recalibration.clear_errors import clear_residuals
+from twin_daemon.recordings.noise import noise_variance
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
 

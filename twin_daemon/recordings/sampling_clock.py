@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin_daemon.recordings.noise import noise_variance
+
 _ORDER = 4  # of the difference that nothing of a smooth motion is left of
 _AROUND = 50  # samples to either side that any clock runs evenly over
 _CHANCE = 2.0  # times what independent offsets give, of a mean of squares of a few dozen
@@ -57,13 +59,13 @@ def sample_times(stamp_s: np.ndarray, position: np.ndarray) -> SampleTimes:
 
 def _numbered(stamp_s: np.ndarray) -> np.ndarray:
     """(n,) which sample of the clock each one is: a long interval with all later stamps as late is a missing one."""
-    period = float(np.median(np.diff(stamp_s)))
-    steps = np.ones(len(stamp_s) - 1, int)
-    for gap in np.flatnonzero(np.diff(stamp_s) > 1.5 * period):
-        before, after = stamp_s[max(0, gap + 1 - _BESIDE) : gap + 1], stamp_s[gap + 1 : gap + 1 + _BESIDE]
-        begins = float(np.mean(after - period * np.arange(len(after))))
-        ended = float(np.mean(before + period * np.arange(len(before) - 1, -1, -1)))
-        steps[gap] = max(1, round((begins - ended) / period))
+    period, count = float(np.median(np.diff(stamp_s))), len(stamp_s)
+    steps = np.ones(count - 1, int)
+    gap = np.flatnonzero(np.diff(stamp_s) > 1.5 * period)
+    later, next_one = stamp_s - period * np.arange(count), gap + 1
+    before = _means(later, np.maximum(next_one - _BESIDE, 0), next_one)
+    after = _means(later, next_one, np.minimum(next_one + _BESIDE, count))
+    steps[gap] += np.maximum(np.rint((after - before) / period).astype(int), 0)
     return np.concatenate([[0], np.cumsum(steps)])
 
 
@@ -76,7 +78,9 @@ def _off_the_clock(stamp_s: np.ndarray, number: np.ndarray) -> tuple[np.ndarray,
     offset, averaged = later, 0.5 * len(later)  # a line has two numbers
     half = len(later) // 4
     while half >= _AROUND and not _only_chance(offset):
-        offset, averaged = later - _running_mean(later, half), 2.0 * half + 1.0
+        around = np.arange(len(later))
+        begin, end = np.maximum(around - half, 0), np.minimum(around + half + 1, len(later))
+        offset, averaged = later - _means(later, begin, end), 2.0 * half + 1.0
         half //= 2
     return offset, averaged
 
@@ -87,11 +91,9 @@ def _only_chance(offset: np.ndarray) -> bool:
     return float(np.mean(means**2)) < _CHANCE * float(offset.var()) / (2 * _AROUND)
 
 
-def _running_mean(values: np.ndarray, half: int) -> np.ndarray:
-    """(n,) the mean of values (n,) and so many to either side, of fewer at the ends."""
+def _means(values: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """(m,) the means of values (n,) from each `begin` (m,) up to its `end` (m,)."""
     total = np.concatenate([[0.0], np.cumsum(values)])
-    begin = np.maximum(np.arange(len(values)) - half, 0)
-    end = np.minimum(np.arange(len(values)) + half + 1, len(values))
     return (total[end] - total[begin]) / (end - begin)
 
 
@@ -107,9 +109,8 @@ def _share(clock_s: np.ndarray, number: np.ndarray, offset: np.ndarray, position
         for values in position[block].T:
             if not np.isfinite(values).all():
                 continue
-            noise = float(np.median(np.abs(np.diff(values, n=_ORDER)))) / 0.6745 / 70.0**0.5
             slopes = np.correlate(values, steps, "valid") / (float(steps @ steps) * period)
-            of_noise = noise**2 / (float(steps @ steps) * period**2)
+            of_noise = noise_variance(values) / (float(steps @ steps) * period**2)
             if of_noise > _SPEED_KNOWN * float(np.mean(slopes**2)):
                 continue
             pair = values[half:-half], offset[inner] * slopes

@@ -169,24 +169,32 @@ def align(twin: TwinModel, recording: Recording, trajectory: Trajectory | None =
     time_s = taken.time_s - taken.time_s[0]
     starts = [_start(time_s, column) for column in measured.T]
     (position, velocity), sigma = np.array(starts).T[:2], np.array(starts).T[2:]
-    if trajectory is None and recording.commands is not None:
-        signal = CommandSignal.from_stream(
-            recording.commands, int(recording.stamp_ns[0]) + round(float(taken.time_s[0]) * 1e9)
-        )
-        _require_drive(twin, signal, recording)
-        found = Aligned(recording, twin.joints, time_s, measured, signal, 0.0, False, position, velocity)
-        return replace(found, start_sigma=sigma, time_sigma_s=taken.sigma_s)
-    if trajectory is None:
+    if trajectory is not None:
+        signal = CommandSignal.from_trajectory(trajectory)
+    elif recording.commands is not None:
+        begins_ns = int(recording.stamp_ns[0]) + round(float(taken.time_s[0]) * 1e9)
+        signal = CommandSignal.from_stream(recording.commands, begins_ns)
+    else:
         raise BadInput(
             "the recording holds no commands",
             where=recording.path,
             todo="Say which trajectory ran with --trajectory FILE.yaml:NAME, or record joint_commands as well",
         )
-    signal = CommandSignal.from_trajectory(trajectory)
     _require_drive(twin, signal, recording)
-    found = Aligned(recording, twin.joints, time_s, measured, signal, 0.0, True, position, velocity)
-    found = replace(found, start_sigma=sigma, time_sigma_s=taken.sigma_s)
-    return found.with_onset(command_onset(twin, found))
+    found = Aligned(
+        recording,
+        twin.joints,
+        time_s,
+        measured,
+        signal,
+        onset_s=0.0,
+        onset_free=trajectory is not None,
+        start_position=position,
+        start_velocity=velocity,
+        start_sigma=sigma,
+        time_sigma_s=taken.sigma_s,
+    )
+    return found.with_onset(command_onset(twin, found)) if found.onset_free else found
 
 
 def _require_drive(twin: TwinModel, signal: CommandSignal, recording: Recording) -> None:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin_daemon.comparison.noise import noise_variance, resolution
+from twin_daemon.recordings.noise import noise_variance, resolution
 
 TIME_S = np.arange(1600) / 125.0
 MOTION = np.interp(TIME_S, [0, 2, 5, 7, 10, 12.8], [0.0, 0.0, 1.5, 1.5, 0.2, 0.2])
