@@ -11,10 +11,11 @@ from tests.diagnosis.conftest import said_of_case
 from tests.simulation.made import Motion, recorded
 from twin_daemon.diagnosis.group import at_nominal
 from twin_daemon.diagnosis.shared import SharedSearch
-from twin_daemon.diagnosis.shared_cause import SharedCause
+from twin_daemon.diagnosis.shared_cause import SharedCause, shared_causes
 from twin_daemon.effects import LIBRARY
 from twin_daemon.estimation.partition import Reduction
 from twin_daemon.hand import load_hand
+from twin_daemon.places import HAND
 from twin_daemon.simulation.alignment import align
 from twin_daemon.simulation.submodel import drive_groups
 from twin_daemon.simulation.terms import EffectTerm, Terms
@@ -39,20 +40,23 @@ def _arm(folder: Path) -> TwinModel:
     return TwinModel.load(load_hand(model=path))
 
 
-def test_a_load_that_a_light_one_says_too_much_of_begins_at_less(tmp_path: Path) -> None:
-    """A servo that it brings to its limit of torque falls behind out of proportion."""
-    twin = _arm(tmp_path)
+def _search(twin: TwinModel, *hidden: EffectTerm, noise_rad: float = 3e-5) -> SharedSearch:
+    """The search of an arm with hidden loads, each joint a group of its own."""
     times = [0.0, 0.5, 1.0, 2.0, 2.5, 3.5, 4.0, 5.0, 6.0]
     moves: Motion = {
         joint: (times, [0.0, 0.0, *(0.5 * (-1) ** (i // (n + 1)) for i in range(6)), 0.0])
         for n, joint in enumerate(JOINTS)
     }
-    load = EffectTerm(effect="payload", target="wrist", values={"mass": LOAD_KG, "at": 1.0})
-    plant = twin.changed(Terms(effects=(load,)))
-    made = align(twin, recorded(plant, moves, np.random.default_rng(3), seconds=6.0, noise_rad=3e-5))
-    reduction = Reduction(twin, [made], [])
+    plant = twin.changed(Terms(effects=hidden))
+    made = align(twin, recorded(plant, moves, np.random.default_rng(3), seconds=6.0, noise_rad=noise_rad))
+    reduction = Reduction(twin, [made], [made])
     cut = [reduction.of(twin, group, group.joints) for group in drive_groups(twin)]
-    search = SharedSearch(twin, reduction, [at_nominal(reduced) for reduced in cut if reduced is not None])
+    return SharedSearch(twin, reduction, [at_nominal(reduced) for reduced in cut if reduced is not None])
+
+
+def test_a_load_that_a_light_one_says_too_much_of_begins_at_less(tmp_path: Path) -> None:
+    """A servo that it brings to its limit of torque falls behind out of proportion."""
+    search = _search(_arm(tmp_path), EffectTerm(effect="payload", target="wrist", values={"mass": LOAD_KG, "at": 1.0}))
     cause = SharedCause(LIBRARY["payload"], "wrist")
     (begun,) = search.begun(cause)
     nothing = search.at(cause, {"mass": 0.0, "at": 1.0})
@@ -61,11 +65,43 @@ def test_a_load_that_a_light_one_says_too_much_of_begins_at_less(tmp_path: Path)
 
 
 @pytest.mark.slow
+def test_two_loads_at_once_are_both_found_at_their_places(tmp_path: Path) -> None:
+    """Each of them alone does some of the other one's work, so that it is too large, and at another place."""
+    twin = _arm(tmp_path)
+    load = EffectTerm(effect="payload", target="elbow", values={"mass": 0.2, "at": 0.5})
+    tilt = EffectTerm(effect="gravity_tilt", target=HAND, values={"about_x": 0.0, "about_y": 0.08})
+    search = _search(twin, load, tilt, noise_rad=1e-4)
+    found = search.best(shared_causes(twin, [[joint] for joint in JOINTS], everywhere=False), 0)
+    assert found is not None
+    values = {one.name: one.values for one in found.findings}
+    assert set(values) == {"payload:elbow", "gravity_tilt:hand"}
+    assert values["payload:elbow"]["mass"] == pytest.approx(0.2, rel=0.3)
+    assert values["gravity_tilt:hand"]["about_y"] == pytest.approx(0.08, rel=0.1)
+    assert all(one.parameters.keys() <= one.values.keys() for one in found.findings)
+
+
+@pytest.mark.slow
 def test_a_load_is_not_all_where_a_value_has_to_go_far_beside_it(tmp_path: Path) -> None:
     """A ripple at an arm's base, beside a load at its elbow, would else be taken for three times the base's inertia."""
     said = said_of_case(4398, tmp_path)
     assert {one["target"]: one["effect"] for one in said["findings"]} == {"elbow": "payload", "pan": "torque_ripple"}
     assert said["verdict"] == "explained"
+
+
+@pytest.mark.slow
+def test_a_tilt_is_found_where_one_law_stands_in_for_it_and_for_an_offset(tmp_path: Path) -> None:
+    """A tilt and an offset at one finger look most like a coupling there, beside which no tilt explains the others."""
+    said = said_of_case(4206, tmp_path)
+    found = {one["target"]: one["effect"] for one in said["findings"]}
+    assert found == {"F2J2": "sensor_offset", "hand": "gravity_tilt"}
+    assert said["verdict"] == "explained"
+
+
+@pytest.mark.slow
+def test_a_load_on_an_arm_that_is_tilted_is_told_from_the_tilt(tmp_path: Path) -> None:
+    said = said_of_case(4990, tmp_path)
+    assert {one["effect"] for one in said["findings"]} == {"payload", "gravity_tilt"}
+    assert said["verdict"] in ("explained", "ambiguous")
 
 
 @pytest.mark.slow

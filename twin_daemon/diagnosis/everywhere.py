@@ -68,7 +68,8 @@ def behind_all(
 def _said(found: Shared | None, above: int, say: Say) -> Shared | None:
     """What was found of so many groups above the floor, once it has been said."""
     if found is not None:
-        say(f"{found.finding.name} explains {len(found.looked_at)} of {above} groups above the floor")
+        named = " and ".join(one.name for one in found.findings)
+        say(f"{named} explains {len(found.looked_at)} of {above} groups above the floor")
     return found
 
 

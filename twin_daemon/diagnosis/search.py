@@ -109,10 +109,10 @@ def diagnose(
                 for reduced, part in shared.settled:
                     outcomes.append(replace(begun_outcome(reduced, part), within_floor=True))
                 groups = [group for group in groups if group.joints not in theirs]
-                findings.append(shared.finding)  # it is found, whatever time is left for who else has it
-                causes.append(shared.posterior)
+                findings += shared.findings  # it is found, whatever time is left for who else has it
+                causes += shared.posteriors
                 finding, above = at_all(shared.finding, groups, outcomes, seed, say)
-                findings[-1] = finding
+                findings[-len(shared.findings)] = finding
                 above = shared.forced + above
                 if finding.target != ROBOT:
                     break
@@ -126,10 +126,11 @@ def diagnose(
             fitted = as_fitted(twin, looked_at)
             search = UnitSearch(twin, reduction, fitted, seed, say, most_effects, outcomes, left_out.touching, late_at)
             if not (findings or first) and (beside := search.behind_the_others(above, len(begun))):
-                findings.append(beside.finding)
-                causes.append(beside.posterior)
+                findings += beside.findings
+                causes += beside.posteriors
                 # alone: what the worst one has of its own is searched again beside it
-                twin = twin.changed(twin.terms.with_effect(beside.finding.term))
+                for finding in beside.findings:
+                    twin = twin.changed(twin.terms.with_effect(finding.term))
                 reduction, again = closer(twin, reduction, looked_at, above)
                 above = above_floor(again, outcomes, seed, say)
                 fitted = as_fitted(twin, [*looked_at, *above])

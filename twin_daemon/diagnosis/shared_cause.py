@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,9 +19,80 @@ from twin_daemon.simulation.submodel import linked
 from twin_daemon.simulation.terms import EffectTerm, Terms
 from twin_daemon.simulation.twin import TwinModel
 
+V = TypeVar("V")
+
+
+class Cause(ABC):
+    """What may be behind errors at several groups, with one set of values for all of them."""
+
+    @property
+    @abstractmethod
+    def name(self) -> str: ...
+
+    @property
+    @abstractmethod
+    def amplitudes(self) -> tuple[str, ...]:
+        """The parameters that are moved."""
+
+    @property
+    @abstractmethod
+    def is_load(self) -> bool:
+        """Whether it is a torque on what groups carry, which ties them together."""
+
+    @property
+    @abstractmethod
+    def parts(self) -> tuple[SharedCause, ...]:
+        """The effects that it is made of."""
+
+    @abstractmethod
+    def values_of(self, part: SharedCause, values: Mapping[str, V]) -> dict[str, V]:
+        """The values of one of its effects."""
+
+    @abstractmethod
+    def accepted(self, values: Mapping[str, float]) -> dict[str, float]:
+        """The values, complete and within what is accepted at all."""
+
+    @abstractmethod
+    def neutral(self) -> dict[str, float]:
+        """The values with which it does nothing."""
+
+    @abstractmethod
+    def parameter(self, name: str) -> Parameter: ...
+
+    def terms(self, twin: TwinModel, values: Mapping[str, float]) -> Terms:
+        """The twin's terms with this cause."""
+        terms = twin.terms
+        for part in self.parts:
+            terms = terms.with_effect(part.term(self.values_of(part, values)))
+        return terms
+
+    def typical(self, name: str) -> float:
+        """A step of a parameter that is certainly felt, in its unit."""
+        parameter = self.parameter(name)
+        return 1.0 if parameter.neutral == 1.0 else parameter.default - parameter.neutral
+
+    def estimates(
+        self, twin: TwinModel, values: Mapping[str, float], slopes: np.ndarray, inflated: float
+    ) -> dict[str, Estimate]:
+        """The values by parameter with their intervals, from the slopes (m, q) of the rows by the amplitudes.
+
+        The variance of the rows is so many times `inflated`.
+        """
+        limits = {name: self.parameter(name).limits for name in self.amplitudes}
+        # what the data say nothing of is anywhere within what is accepted at all
+        known = np.diag([(1.0 / (upper - lower)) ** 2 for lower, upper in limits.values()])
+        sigmas = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes / inflated + known)))
+        found = {}
+        for (name, (lower, upper)), sigma in zip(limits.items(), sigmas, strict=True):
+            unit = self.parameter(name).unit
+            half = Z95 * float(np.hypot(sigma, weighed_share(twin, unit) * values[name]))
+            interval = (max(values[name] - half, lower), min(values[name] + half, upper))
+            found[name] = Estimate(value=values[name], unit=unit, ci95=interval)
+        return found
+
 
 @dataclass(frozen=True)
-class SharedCause:
+class SharedCause(Cause):
     """An effect with one set of values for several groups, at all servos, at a link that they carry, or at the base.
 
     Values that are `given` stay as they are.
@@ -34,29 +107,37 @@ class SharedCause:
         return f"{self.effect.key}:{self.target}"
 
     @property
+    def is_load(self) -> bool:
+        return self.effect.shared == "load"
+
+    @property
+    def parts(self) -> tuple[SharedCause, ...]:
+        return (self,)
+
+    def values_of(self, part: SharedCause, values: Mapping[str, V]) -> dict[str, V]:
+        return dict(values)
+
+    @property
     def amplitudes(self) -> tuple[str, ...]:
-        """The parameters that are moved."""
-        if self.effect.shared == "load":
+        if self.is_load:
             names = tuple(parameter.name for parameter in self.effect.parameters)
         else:
             names = (self.effect.everywhere,) if self.effect.everywhere else self.effect.presence
         return tuple(name for name in names if name not in self.given)
 
-    def terms(self, twin: TwinModel, values: Mapping[str, float]) -> Terms:
-        """The twin's terms with this cause."""
-        return twin.terms.with_effect(self.term(values))
-
     def term(self, values: Mapping[str, float]) -> EffectTerm:
         return EffectTerm(effect=self.effect.key, target=self.target, values=self.accepted(values))
 
     def accepted(self, values: Mapping[str, float]) -> dict[str, float]:
-        """The values, complete and within what is accepted at all."""
-        return self.effect.complete(self.effect.clipped(values))
+        return self.effect.complete(self.effect.clipped({**values, **self.given}))
+
+    def neutral(self) -> dict[str, float]:
+        return self.effect.neutral()
 
     def starts(self, twin: TwinModel, joints: Sequence[str]) -> tuple[dict[str, float], ...]:
         place = self.target if self.target in twin.joints else joints[0]
         starts = self.effect.starts_everywhere() or self.effect.starts(twin.scale(place))
-        return tuple(self.accepted({**s, **self.given}) for s in starts)
+        return tuple(self.accepted(s) for s in starts)
 
     def directions(self, starts: Sequence[dict[str, float]]) -> list[dict[str, float]]:
         """The largest start of each sign of each amplitude."""
@@ -79,31 +160,7 @@ class SharedCause:
         """What no fit moves of these values."""
         return tuple(value for name, value in self.accepted(values).items() if name not in self.amplitudes)
 
-    def typical(self, name: str) -> float:
-        """A step of a parameter that is certainly felt, in its unit."""
-        parameter = self._parameter(name)
-        return 1.0 if parameter.neutral == 1.0 else parameter.default - parameter.neutral
-
-    def estimates(
-        self, twin: TwinModel, values: Mapping[str, float], slopes: np.ndarray, inflated: float
-    ) -> dict[str, Estimate]:
-        """The values by parameter with their intervals, from the slopes (m, q) of the rows by the amplitudes.
-
-        The variance of the rows is so many times `inflated`.
-        """
-        limits = {name: self._parameter(name).limits for name in self.amplitudes}
-        # what the data say nothing of is anywhere within what is accepted at all
-        known = np.diag([(1.0 / (upper - lower)) ** 2 for lower, upper in limits.values()])
-        sigmas = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes / inflated + known)))
-        found = {}
-        for (name, (lower, upper)), sigma in zip(limits.items(), sigmas, strict=True):
-            unit = self._parameter(name).unit
-            half = Z95 * float(np.hypot(sigma, weighed_share(twin, unit) * values[name]))
-            interval = (max(values[name] - half, lower), min(values[name] + half, upper))
-            found[name] = Estimate(value=values[name], unit=unit, ci95=interval)
-        return found
-
-    def _parameter(self, name: str) -> Parameter:
+    def parameter(self, name: str) -> Parameter:
         return next(parameter for parameter in self.effect.parameters if parameter.name == name)
 
 

@@ -61,7 +61,11 @@ SHARED_TAKEN = Threshold(
     "of what is above the floor, from most groups: a cause that takes less of it is not fitted to its end",
 )
 SHARED_NEARER = Count(4, "steps", "of a group's nuisances before a cause of all servos is asked for in their stead")
-SHARED_HALVINGS = Count(3, "halvings", "of a step of such values that gains nothing")
+SHARED_DAMPING = tuple(
+    Threshold(share, "1", "of the steepest slope squared, each step of such values that gains nothing and is halved")
+    for share in (0.0, 1e-4, 1e-2, 1.0)
+)
+SHARED_HALVINGS = Count(3, "halvings", "of a load that is heavier than the motion stays in proportion")
 
 # -- verdicts ------------------------------------------------------------------------------------------------
 

@@ -164,14 +164,18 @@ class UnitSearch:
         begun = self._search(worst[1], worst[0]).begun()
         twin, reduction, left = self._beside(self.twin, begun, [worst, *others])
         self._asked[worst[1].joints] = begun, left
+        found: Shared | None = None
         with contextlib.suppress(OutOfTime):
             if _has_its_own(left, others):
                 # the worst one shares it as well where it leaves more than its floor beside what it has of its own
                 again = looked_at_again(twin, reduction, [worst[0]])
                 left = [*(one for one in again if not one[1].within_floor), *left]
                 if len(left) > 1:
-                    return behind_all(twin, reduction, left, groups, self.seed, self.say)
-        return None
+                    found = behind_all(twin, reduction, left, groups, self.seed, self.say)
+            if found is None and len(others) > 1 and not (begun.ended or begun.outcome.explains):
+                # one effect that stands in for both there leaves of the others what neither does
+                found = behind_all(self.twin, self.reduction, others, groups, self.seed, self.say)
+        return found
 
     def _beside(
         self, twin: TwinModel, begun: Progress, groups: Sequence[tuple[Reduced, PartFit]]
