@@ -12,6 +12,7 @@ from tests.simulation.made import Motion, recorded
 from twin_daemon.diagnosis.group import at_nominal
 from twin_daemon.diagnosis.shared import SharedSearch
 from twin_daemon.diagnosis.shared_cause import SharedCause, shared_causes
+from twin_daemon.diagnosis.shared_pair import SharedPair
 from twin_daemon.effects import LIBRARY
 from twin_daemon.estimation.partition import Reduction
 from twin_daemon.hand import load_hand
@@ -62,6 +63,22 @@ def test_a_load_that_a_light_one_says_too_much_of_begins_at_less(tmp_path: Path)
     nothing = search.at(cause, {"mass": 0.0, "at": 1.0})
     assert begun.cost < 0.2 * nothing.cost
     assert begun.values["mass"] > 0.5 * LOAD_KG
+
+
+def test_a_pair_keeps_the_values_of_its_two_loads_apart(tmp_path: Path) -> None:
+    """Both may have values of one name."""
+    twin = _arm(tmp_path)
+    pair = SharedPair((SharedCause(LIBRARY["payload"], "wrist"), SharedCause(LIBRARY["payload"], "elbow")))
+    values = pair.accepted(pair.joined({"mass": 0.3}, {"mass": 1e6, "at": 0.5}))
+    heaviest = pair.parameter("1.mass").limits[1]
+    assert [pair.values_of(part, values) for part in pair.parts] == [
+        {"mass": 0.3, "at": 1.0},
+        {"mass": heaviest, "at": 0.5},
+    ]
+    terms = pair.terms(twin, values).effects
+    assert {(term.target, term.values["mass"]) for term in terms} == {("wrist", 0.3), ("elbow", heaviest)}
+    nothing = pair.terms(twin, pair.neutral()).effects
+    assert {term.values["mass"] for term in nothing} == {0.0}
 
 
 @pytest.mark.slow

@@ -13,6 +13,7 @@ from twin_daemon.diagnosis.power import undetectable
 from twin_daemon.diagnosis.screening import Screening
 from twin_daemon.diagnosis.validation import Validation
 from twin_daemon.estimation.partition import Reduced
+from twin_daemon.executor import concurrently
 from twin_daemon.processes import Say
 
 
@@ -33,14 +34,28 @@ def above_floor(
     whose commands are known to come `late` it is asked whether an effect explains that, however little they leave.
     """
     found = []
-    for reduced, part in sorted(looked_at, key=lambda item: float(item[1].times_floor.max())):
+    ordered = sorted(looked_at, key=lambda item: float(item[1].times_floor.max()))
+    asked = [(reduced, part) for reduced, part in ordered if _may_be_sound(part, anew=anew)]
+    lefts = concurrently(lambda item: _held_out(*item, seed), asked)
+    left = {part.joints: value for (_, part), value in zip(asked, lefts, strict=True)}
+    for reduced, part in ordered:
         rich = seen or any(o.within_floor and not o.undetectable for o in outcomes)
-        outcome = within_floor(part, reduced, seed, say, seen=rich, anew=anew, late=late)
+        held_out = left.get(part.joints)
+        outcome = within_floor(part, reduced, seed, say, seen=rich, anew=anew, late=late, held_out=held_out)
         if outcome is None:
             found.append((reduced, part))
         else:
             outcomes.append(outcome)
     return found
+
+
+def _may_be_sound(part: PartFit, *, anew: bool) -> bool:
+    return part.within_floor and not deviating(part) and not (anew and part.worth_a_look)
+
+
+def _held_out(reduced: Reduced, part: PartFit, seed: int) -> float:
+    """What a group leaves of held-out motion, in what a right model may leave."""
+    return Validation(part, reduced.holdout, seed=seed).judge(part.base).adequacy
 
 
 def within_floor(
@@ -52,18 +67,19 @@ def within_floor(
     seen: bool,
     anew: bool = False,
     late: Set[str] = frozenset(),
+    held_out: float | None = None,
 ) -> Outcome | None:
     """What a group says at which nothing is missing; None where something is, or where it is to be looked at `anew`.
 
-    `seen` says that another one has moved richly enough for the robot to be called sound.
+    `seen` says that another one has moved richly enough for the robot to be called sound, `held_out` what it leaves of
+    held-out motion where that is known.
     """
     outcome = begun_outcome(reduced, part)
     said = f"{', '.join(part.joints)}: {part.times_floor.max():.1f} times the floor, nominal values being uncertain"
-    if not part.within_floor or outcome.deviating or (anew and part.worth_a_look):
+    if not _may_be_sound(part, anew=anew):
         say(said)
         return None
-    validation = Validation(part, reduced.holdout, seed=seed)
-    outcome.left = validation.judge(part.base).adequacy
+    outcome.left = _held_out(reduced, part, seed) if held_out is None else held_out
     if part.plainly_sound and (outcome.left > 1.0 or not seen):
         # what it might have shown, or shows on held-out motion, is said of a group with all that is uncertain fitted
         return within_floor(look(reduced)[1], reduced, seed, say, seen=seen, late=late)
@@ -72,7 +88,8 @@ def within_floor(
     if (part.worth_a_look or not late.isdisjoint(part.joints)) and Screening(part).promising():
         return None
     # what only held-out motion shows is looked for where the other motion can show it
-    if outcome.left <= 1.0 or outcome.undetectable or by_parameters(reduced, validation, seed):
+    sound = outcome.left <= 1.0 or outcome.undetectable
+    if sound or by_parameters(reduced, Validation(part, reduced.holdout, seed=seed), seed):
         outcome.within_floor = True
         return outcome
     return None

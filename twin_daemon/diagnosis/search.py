@@ -10,6 +10,7 @@ from twin_daemon.diagnosis.as_fitted import as_fitted, closer, links_uncertain
 from twin_daemon.diagnosis.common_delay import common_delay
 from twin_daemon.diagnosis.conclude import Outcome, conclude, nothing_moves
 from twin_daemon.diagnosis.everywhere import at_all, behind_all, in_common, of_all, said_once, with_everywhere
+from twin_daemon.diagnosis.far_off import deviating
 from twin_daemon.diagnosis.floor_check import above_floor
 from twin_daemon.diagnosis.group import at_nominal, look
 from twin_daemon.diagnosis.left_out import LeftOut
@@ -90,7 +91,7 @@ def diagnose(
                 above = above_floor(again, outcomes, seed, say, late=late_at)
             else:
                 above = [look(reduced) if part.nominal else (reduced, part) for reduced, part in above]
-            if len(above) > 1:
+            if sum(not one.within_floor or bool(deviating(one)) for _, one in above) > 1:
                 shared = behind_all(twin, reduction, above, len(looked_at), seed, say)
                 if shared is not None and shared.one_of_several:
                     first, shared = shared.finding.term, None
@@ -136,7 +137,8 @@ def diagnose(
                 fitted = as_fitted(twin, [*looked_at, *above])
                 search = replace(search, twin=twin, reduction=reduction, fitted=fitted)
             for unit in units(twin, above):
-                search.search(unit, first)
+                if unit := search.still_above(unit):
+                    search.search(unit, first)
             if not findings and (once := said_once(groups, outcomes, seed, say)):
                 finding, outcomes = once
                 findings.append(finding)

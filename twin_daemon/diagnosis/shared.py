@@ -243,6 +243,7 @@ class SharedSearch(SharedFit):
         told = _told_apart(best, fits, nothing)
         joints = tuple(dict.fromkeys(joint for reduced, _ in self._above for joint in reduced.joints))
         estimates = there.estimates(found, slopes)
+        moved = {name: value for _, part in looked_at for name, value in part.base.moved.items()}
         findings = tuple(
             Finding(
                 effect=part.effect.key,
@@ -250,7 +251,7 @@ class SharedSearch(SharedFit):
                 joints=joints,
                 parameters=cause.values_of(part, estimates),
                 values=part.term(cause.values_of(part, values)).values,
-                moved={name: value for _, part in looked_at for name, value in part.base.moved.items()},
+                moved=moved,
                 evidence_nats=evidence,
                 holdout_mse_before_rad2=float(before.mean()),
                 holdout_mse_after_rad2=float(after.mean()),

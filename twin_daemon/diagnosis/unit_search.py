@@ -105,6 +105,22 @@ class UnitSearch:
         elif left and (found := self._together(twin, left, first, begins)) is not None:
             self.outcomes.append(found)
 
+    def still_above(self, unit: list[tuple[Reduced, PartFit]]) -> list[tuple[Reduced, PartFit]]:
+        """Those of some groups that are above the floor beside what was found at others.
+
+        A group that leaves little more than right models do may have been told a wrong motion of a joint that lacks
+        much. What is plainly above its floor, or is there by a value that is far off, or known to be late, stays.
+        """
+        found = [outcome for outcome in self.outcomes if outcome.accepted]
+        little = all(part.within_floor and not deviating(part) for _, part in unit)
+        late = any(self.late & set(part.joints) for _, part in unit)
+        if not (found and little and self.most_effects) or late:
+            return unit
+        twin = self.twin
+        for outcome in found:
+            twin = _with_found(twin, outcome)
+        return self._above(twin, [reduced for reduced, _ in unit])
+
     def _together(
         self,
         twin: TwinModel,
