@@ -126,28 +126,25 @@ class SharedSearch(SharedFit):
     def _beside_each(self, one: Begun, causes: Sequence[SharedCause], least: float) -> list[Begun]:
         """A load with each other one beside it, those fitted that begin best."""
         (first,) = one.cause.parts
-        joints = [joint for reduced, _ in self._above for joint in reduced.joints]
         begun, fits = list[Begun](), list[Begun]()
         for cause in causes:
             if not cause.is_load or cause.name == first.name:
                 continue
             pair = SharedPair((first, cause))
-            lines = [
-                partial(pair.along, one.values, start) for start in cause.directions(cause.starts(self._twin, joints))
-            ]
+            lines = [partial(pair.along, one.values, start) for start in cause.directions(self._starts(cause))]
             every = [item for line in lines for item in self._projected(pair, line, one.rows)]
-            begun += sorted(every, key=lambda item: item.cost)[:1]
+            if every:
+                begun.append(min(every, key=lambda item: item.cost))
         for item in sorted(begun, key=lambda item: item.cost)[:SHARED_FINALISTS]:
             fits.append(self.fitted(item, COMPARABLE * min((fit.cost for fit in fits), default=least))[0])
         return fits
 
     def _may_be_loads(self, causes: Sequence[SharedCause]) -> bool:
         """Whether any loads together could help every group, each group taking of each as much as serves it best."""
-        joints = [joint for reduced, _ in self._above for joint in reduced.joints]
         light: list[tuple[Cause, dict[str, float]]] = []
         for cause in causes:
             if cause.is_load:
-                starts = cause.directions(cause.starts(self._twin, joints))
+                starts = cause.directions(self._starts(cause))
                 light += [(cause, cause.along(start, SHARED_SHARES[-1])) for start in starts]
         found = [one for one in concurrently(lambda item: self._at(*item), light) if one is not None]
         if not found:

@@ -118,8 +118,7 @@ class SharedFit:
         How strong a load or a delay may be follows from no scale of one place, so that shares go over decades. Forms
         differ in what no fit moves, such as how much of a friction sticks: which is the better says only its fit.
         """
-        joints = [joint for reduced, _ in self._above for joint in reduced.joints]
-        starts = cause.starts(self._twin, joints)
+        starts = self._starts(cause)
         outwards = cause.directions(starts)
         found: list[Begun] = []
         if cause.is_load:
@@ -134,6 +133,9 @@ class SharedFit:
         for one in sorted(found, key=lambda one: one.cost):
             best.setdefault(cause.form(one.values), one)
         return list(best.values())
+
+    def _starts(self, cause: SharedCause) -> tuple[dict[str, float], ...]:
+        return cause.starts(self._twin, [joint for reduced, _ in self._above for joint in reduced.joints])
 
     def at(self, cause: Cause, values: Mapping[str, float]) -> Begun:
         """A cause at known values."""

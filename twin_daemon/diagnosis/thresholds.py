@@ -62,7 +62,11 @@ SHARED_TAKEN = Threshold(
 )
 SHARED_NEARER = Count(4, "steps", "of a group's nuisances before a cause of all servos is asked for in their stead")
 SHARED_DAMPING = tuple(
-    Threshold(share, "1", "of the steepest slope squared, each step of such values that gains nothing and is halved")
+    Threshold(
+        share,
+        "1",
+        "of the steepest slope squared: damping of a step of such values, more each time that it gains nothing",
+    )
     for share in (0.0, 1e-4, 1e-2, 1.0)
 )
 SHARED_HALVINGS = Count(3, "halvings", "of a load that is heavier than the motion stays in proportion")
