@@ -24,6 +24,14 @@ class LeftOut:
         """Notes how much of the motion of groups a reduction leaves out."""
         self.shares = {group.name: reduction.share_touching(group.joints) for group in groups}
 
+    def of(self, joints: Collection[str], groups: Collection[str]) -> LeftOut:
+        """What of it is about some joints, which are those of so named groups."""
+        return LeftOut(
+            {name: own for name, own in self.touching.items() if not set(own).isdisjoint(joints)},
+            {name: share for name, share in self.shares.items() if name in groups},
+            [name for name in self.near if name in groups],
+        )
+
     def far_off(self, rms_rad: Mapping[str, float], judged: Collection[str]) -> dict[str, float]:
         """{joint: rms error (rad)} of what touches something, where it is far beyond that of all that was judged."""
         touching = {joint for joints in self.touching.values() for joint in joints}

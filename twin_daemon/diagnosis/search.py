@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping, Sequence
+import copy
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from twin_daemon.diagnosis.as_fitted import as_fitted, closer, links_uncertain
@@ -27,7 +28,7 @@ from twin_daemon.places import ROBOT
 from twin_daemon.processes import Say
 from twin_daemon.processor_time import OutOfTime, TimeLimit
 from twin_daemon.simulation.alignment import Aligned, moving_joints
-from twin_daemon.simulation.submodel import drive_groups
+from twin_daemon.simulation.submodel import Part, drive_groups
 from twin_daemon.simulation.terms import EffectTerm
 from twin_daemon.simulation.twin import TwinModel
 
@@ -47,115 +48,216 @@ def diagnose(
 
     Ctrl-C and the end of the time limit end the search; what has been found until then is in the answer.
     """
-    limit = limit or TimeLimit()
-    say = stream or (lambda _: None)
-    moving = [name for name in moving_joints(train) if not joints or name in joints]
-    if not moving:
-        return nothing_moves(joints)
-    reduction = Reduction(twin, train, holdout)
-    outcomes: list[Outcome] = []
-    findings: list[Finding] = []
-    left_out = LeftOut()
-    looked_at: list[tuple[Reduced, PartFit]] = []
-    above: list[tuple[Reduced, PartFit]] = []
-    causes: list[Mapping[str, float]] = []
-    shared: Shared | None = None
-    first: EffectTerm | None = None  # of several effects of groups that are searched together
-    interrupted = False
-    try:
-        with contextlib.ExitStack() as stack:
-            chosen = [(g, own) for g in drive_groups(twin) if (own := [n for n in moving if n in g.joints])]
-            cut = reduction.each(twin, chosen)
-            groups = [reduced for reduced in cut if reduced is not None]
-            unseen = [one for one, reduced in zip(chosen, cut, strict=True) if reduced is None]
-            left_out.touching = {group.name: tuple(own) for group, own in unseen}
-            left_out.cut(reduction, groups)
-            looked_at = begun = concurrently(at_nominal, groups)
-            with limit.enforced():
-                shared = of_all(twin, reduction, begun, seed, say)
-            looked_at = [] if shared else concurrently(_looked_at, begun)
-            stack.enter_context(limit.enforced())  # what a first look says is said however long it takes
-            late = common_delay([part for _, part in looked_at if part.within_floor])
-            if late is not None:
-                reduction = reduction.delayed(late.by_recording)
-            behind = [one for one in looked_at if late is not None and one[1] in late.late]
-            others = [one for one in looked_at if one not in behind]
-            feel_each_other = links_uncertain(twin) or reduction.carries
-            anew = feel_each_other and any(not part.within_floor for _, part in others)
-            late_at = frozenset(joint for _, part in behind for joint in part.joints)
-            above = behind + above_floor(others, outcomes, seed, say, anew=anew)
-            known = {part.joints: (reduced, part) for reduced, part in looked_at}
-            if above and (behind or feel_each_other):
-                reduction, again = closer(twin, reduction, looked_at, above)
-                known |= {part.joints: (reduced, part) for reduced, part in again}
-                above = above_floor(again, outcomes, seed, say, late=late_at)
-            else:
-                above = [look(reduced) if part.nominal else (reduced, part) for reduced, part in above]
-            if sum(not one.within_floor or bool(deviating(one)) for _, one in above) > 1:
-                shared = behind_all(twin, reduction, above, len(looked_at), seed, say)
+    search = Search(twin, train, holdout, joints=joints, seed=seed, stream=stream, limit=limit)
+    search.look()
+    search.search(most_effects)
+    return search.concluded()
+
+
+class Search:
+    """A diagnosis under way: first a look at all groups of joints and what they share, then a search at each.
+
+    `findings` are the causes that several groups share, as they are found.
+    """
+
+    def __init__(
+        self,
+        twin: TwinModel,
+        train: Sequence[Aligned],
+        holdout: Sequence[Aligned],
+        *,
+        joints: Sequence[str] | None = None,
+        seed: int = 0,
+        stream: Say | None = None,
+        limit: TimeLimit | None = None,
+    ) -> None:
+        self._twin, self._train, self._holdout, self._seed = twin, train, holdout, seed
+        self._asked, self._moving = joints, [name for name in moving_joints(train) if not joints or name in joints]
+        self._limit, self._say = limit or TimeLimit(), stream or (lambda _: None)
+        self.findings: list[Finding] = []
+        self.interrupted = False
+        self._causes: list[Mapping[str, float]] = []
+        self._outcomes: list[Outcome] = []
+        self._left_out = LeftOut()
+        self._groups: list[Reduced] = []
+        self._looked_at: list[tuple[Reduced, PartFit]] = []
+        self._elsewhere: list[tuple[Reduced, PartFit]] = []  # of all that was looked at what is not asked any more
+        self._above: list[tuple[Reduced, PartFit]] = []
+        self._count = 0  # of all groups that can be seen
+        self._begins: EffectTerm | None = None  # of several effects of groups that are searched together
+        self._late: frozenset[str] = frozenset()
+
+    @contextlib.contextmanager
+    def _interruptible(self) -> Iterator[None]:
+        try:
+            yield
+        except (KeyboardInterrupt, OutOfTime):
+            self.interrupted = True
+
+    def look(self) -> None:
+        """What each group leaves with all that is uncertain about it fitted, and the causes that several share."""
+        if not self._moving:
+            return
+        with self._interruptible(), contextlib.ExitStack() as stack:
+            self._reduction = Reduction(self._twin, self._train, self._holdout)
+            unseen, shared = self._first_look()
+            stack.enter_context(self._limit.enforced())  # what a first look says is said however long it takes
+            known = self._above_floor()
+            if shared is None and sum(not one.within_floor or bool(deviating(one)) for _, one in self._above) > 1:
+                shared = self._behind_all(self._count)
                 if shared is not None and shared.one_of_several:
-                    first, shared = shared.finding.term, None
-            if shared is None and first is None:
-                shared = in_common(twin, reduction, list(known.values()), seed, say)
-            if not above and shared is None:
-                reduction, above, seen = when_near(twin, reduction, looked_at, unseen, outcomes, seed, say)
-                groups += seen
-                for group in seen:
-                    left_out.touching.pop(group.name, None)
-                left_out.cut(reduction, groups)
-                left_out.near = [reduced.name for reduced, _ in above]
+                    self._begins, shared = shared.finding.term, None
+            if shared is None and self._begins is None:
+                shared = in_common(self._twin, self._reduction, list(known.values()), self._seed, self._say)
+            if not self._above and shared is None:
+                self._look_near(unseen)
             while shared is not None:
-                theirs = {part.joints for _, part in shared.looked_at}
-                outcomes = [outcome for outcome in outcomes if outcome.joints not in theirs]
-                for reduced, part in shared.settled:
-                    outcomes.append(replace(begun_outcome(reduced, part), within_floor=True))
-                groups = [group for group in groups if group.joints not in theirs]
-                findings += shared.findings  # it is found, whatever time is left for who else has it
-                causes += shared.posteriors
-                finding, above = at_all(shared.finding, groups, outcomes, seed, say)
-                findings[-len(shared.findings)] = finding
-                above = shared.forced + above
-                if finding.target != ROBOT:
-                    break
-                # beside what all have some may have something of their own, which several feel
-                twin = twin.changed(shared.terms)
-                looked_at = [*shared.settled, *above]
-                reduction, again = closer(twin, reduction, looked_at, above)
-                above = above_floor(again, outcomes, seed, say)
-                groups = [with_everywhere(group, finding) for group in groups]
-                shared = behind_all(twin, reduction, above, len(begun), seed, say) if len(above) > 1 else None
-            fitted = as_fitted(twin, looked_at)
-            search = UnitSearch(twin, reduction, fitted, seed, say, most_effects, outcomes, left_out.touching, late_at)
-            if not (findings or first) and (beside := search.behind_the_others(above, len(begun))):
-                findings += beside.findings
-                causes += beside.posteriors
+                shared = self._beside(shared)
+
+    def _first_look(self) -> tuple[list[tuple[Part, list[str]]], Shared | None]:
+        """(the groups that touch something all the time, a cause of all joints that is as clear as that)."""
+        chosen = [(g, own) for g in drive_groups(self._twin) if (own := [n for n in self._moving if n in g.joints])]
+        cut = self._reduction.each(self._twin, chosen)
+        self._groups = [reduced for reduced in cut if reduced is not None]
+        unseen = [one for one, reduced in zip(chosen, cut, strict=True) if reduced is None]
+        self._left_out.touching = {group.name: tuple(own) for group, own in unseen}
+        self._left_out.cut(self._reduction, self._groups)
+        self._looked_at = begun = concurrently(at_nominal, self._groups)
+        self._count = len(begun)
+        with self._limit.enforced():
+            shared = of_all(self._twin, self._reduction, begun, self._seed, self._say)
+        self._looked_at = [] if shared else concurrently(_looked_at, begun)
+        return unseen, shared
+
+    def _above_floor(self) -> dict[tuple[str, ...], tuple[Reduced, PartFit]]:
+        """Which groups are above the floor, looked at closer; all groups by their joints, as they were seen best."""
+        twin, looked_at = self._twin, self._looked_at
+        late = common_delay([part for _, part in looked_at if part.within_floor])
+        if late is not None:
+            self._reduction = self._reduction.delayed(late.by_recording)
+        behind = [one for one in looked_at if late is not None and one[1] in late.late]
+        others = [one for one in looked_at if one not in behind]
+        feel_each_other = links_uncertain(twin) or self._reduction.carries
+        anew = feel_each_other and any(not part.within_floor for _, part in others)
+        self._late = frozenset(joint for _, part in behind for joint in part.joints)
+        self._above = behind + above_floor(others, self._outcomes, self._seed, self._say, anew=anew)
+        known = {part.joints: (reduced, part) for reduced, part in looked_at}
+        if self._above and (behind or feel_each_other):
+            self._reduction, again = closer(twin, self._reduction, looked_at, self._above)
+            known |= {part.joints: (reduced, part) for reduced, part in again}
+            self._above = above_floor(again, self._outcomes, self._seed, self._say, late=self._late)
+        else:
+            self._above = [look(reduced) if part.nominal else (reduced, part) for reduced, part in self._above]
+        return known
+
+    def _behind_all(self, groups: int) -> Shared | None:
+        return behind_all(self._twin, self._reduction, self._above, groups, self._seed, self._say)
+
+    def _look_near(self, unseen: Sequence[tuple[Part, Sequence[str]]]) -> None:
+        """The motion near something else, where all that is clear of any is at its floor."""
+        self._reduction, self._above, seen = when_near(
+            self._twin, self._reduction, self._looked_at, unseen, self._outcomes, self._seed, self._say
+        )
+        self._groups += seen
+        for group in seen:
+            self._left_out.touching.pop(group.name, None)
+        self._left_out.cut(self._reduction, self._groups)
+        self._left_out.near = [reduced.name for reduced, _ in self._above]
+
+    def _beside(self, shared: Shared) -> Shared | None:
+        """Takes a shared cause into what is known; a further one beside it, which some may feel as well."""
+        theirs = {part.joints for _, part in shared.looked_at}
+        self._outcomes = [outcome for outcome in self._outcomes if outcome.joints not in theirs]
+        for reduced, part in shared.settled:
+            self._outcomes.append(replace(begun_outcome(reduced, part), within_floor=True))
+        self._groups = [group for group in self._groups if group.joints not in theirs]
+        self._found(shared)  # it is found, whatever time is left for who else has it
+        finding, above = at_all(shared.finding, self._groups, self._outcomes, self._seed, self._say)
+        self.findings[-len(shared.findings)] = finding
+        self._above = shared.forced + above
+        if finding.target != ROBOT:
+            return None
+        # beside what all have some may have something of their own, which several feel
+        self._twin = self._twin.changed(shared.terms)
+        self._looked_at = [*shared.settled, *self._above]
+        self._above_anew()
+        self._groups = [with_everywhere(group, finding) for group in self._groups]
+        return self._behind_all(self._count) if len(self._above) > 1 else None
+
+    def _found(self, shared: Shared) -> None:
+        self.findings += shared.findings
+        self._causes += shared.posteriors
+
+    def _above_anew(self) -> None:
+        """The groups above the floor once more, with what the twin now has."""
+        self._reduction, again = closer(self._twin, self._reduction, self._looked_at, self._above)
+        self._above = above_floor(again, self._outcomes, self._seed, self._say)
+
+    def of(self, joints: Collection[str], stream: Say) -> Search:
+        """What some of the joints alone have said, to be searched by itself."""
+        one = copy.copy(self)
+        one._say = stream
+        apart = set(joints).isdisjoint
+        one._groups = [group for group in self._groups if not apart(group.joints)]
+        one._above = [(reduced, part) for reduced, part in self._above if not apart(part.joints)]
+        one._outcomes = [outcome for outcome in self._outcomes if not apart(outcome.joints)]
+        one._looked_at = [(reduced, part) for reduced, part in self._looked_at if not apart(part.joints)]
+        one._elsewhere = [(reduced, part) for reduced, part in self._looked_at if apart(part.joints)]
+        one._left_out = self._left_out.of(joints, [group.name for group in one._groups])
+        one.findings, one._causes = list(self.findings), list(self._causes)
+        return one
+
+    def search(self, most_effects: int = MOST_EFFECTS) -> None:
+        """Looks for effects at the groups above the floor, so many at each that feel each other."""
+        if self.interrupted or not self._moving:
+            return
+        with self._interruptible(), self._limit.enforced():
+            search = self._unit_search(most_effects)
+            if not (self.findings or self._begins) and (beside := search.behind_the_others(self._above, self._count)):
+                self._found(beside)
                 # alone: what the worst one has of its own is searched again beside it
                 for finding in beside.findings:
-                    twin = twin.changed(twin.terms.with_effect(finding.term))
-                reduction, again = closer(twin, reduction, looked_at, above)
-                above = above_floor(again, outcomes, seed, say)
-                fitted = as_fitted(twin, [*looked_at, *above])
-                search = replace(search, twin=twin, reduction=reduction, fitted=fitted)
-            for unit in units(twin, above):
+                    self._twin = self._twin.changed(self._twin.terms.with_effect(finding.term))
+                self._above_anew()
+                self._looked_at = [*self._looked_at, *self._above]
+                search = self._unit_search(most_effects)
+            for unit in units(self._twin, self._above):
                 if unit := search.still_above(unit):
-                    search.search(unit, first)
-            if not findings and (once := said_once(groups, outcomes, seed, say)):
-                finding, outcomes = once
-                findings.append(finding)
-                causes.append({finding.name: finding.probability or 0.0})
-    except (KeyboardInterrupt, OutOfTime):
-        interrupted = True
-    judged = {joint for outcome in outcomes for joint in outcome.joints}
-    left = [(reduced, part, False) for reduced, part in above]
-    if interrupted:
-        # time may have been over before it was known which of these are above the floor on other motion as well
-        known = {part.joints for _, part in above}
-        left += [(reduced, part, part.within_floor) for reduced, part in looked_at if part.joints not in known]
-    for reduced, part, sound in left:
-        if not judged & set(reduced.joints):
-            outcomes.append(replace(begun_outcome(reduced, part), unfinished=True, within_floor=sound))
-    interrupted = interrupted or any(outcome.unfinished for outcome in outcomes)
-    return conclude(twin, train, outcomes, left_out, interrupted, findings, causes)
+                    search.search(unit, self._begins)
+            if not self.findings and (once := said_once(self._groups, self._outcomes, self._seed, self._say)):
+                finding, self._outcomes = once
+                self.findings.append(finding)
+                self._causes.append({finding.name: finding.probability or 0.0})
+
+    def _unit_search(self, most_effects: int) -> UnitSearch:
+        return UnitSearch(
+            self._twin,
+            self._reduction,
+            as_fitted(self._twin, [*self._elsewhere, *self._looked_at]),
+            self._seed,
+            self._say,
+            most_effects,
+            self._outcomes,
+            self._left_out.touching,
+            self._late,
+        )
+
+    def concluded(self) -> Diagnosis:
+        """What all that was looked at comes to."""
+        if not self._moving:
+            return nothing_moves(self._asked)
+        outcomes = list(self._outcomes)
+        judged = {joint for outcome in outcomes for joint in outcome.joints}
+        left = [(reduced, part, False) for reduced, part in self._above]
+        if self.interrupted:
+            # time may have been over before it was known which of these are above the floor on other motion as well
+            known = {part.joints for _, part in self._above}
+            left += [(r, part, part.within_floor) for r, part in self._looked_at if part.joints not in known]
+        for reduced, part, sound in left:
+            if not judged & set(reduced.joints):
+                outcomes.append(replace(begun_outcome(reduced, part), unfinished=True, within_floor=sound))
+        interrupted = self.interrupted or any(outcome.unfinished for outcome in outcomes)
+        return conclude(self._twin, self._train, outcomes, self._left_out, interrupted, self.findings, self._causes)
 
 
 def _looked_at(begun: tuple[Reduced, PartFit]) -> tuple[Reduced, PartFit]:

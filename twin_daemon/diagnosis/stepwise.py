@@ -11,7 +11,7 @@ joints, or a share of what they had at first: less only bends the laws of those 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -21,7 +21,7 @@ from twin_daemon.calibration.spaces import load_space
 from twin_daemon.comparison.compare import raw_command_error
 from twin_daemon.diagnosis.free_rollout import mean_error, with_finding
 from twin_daemon.diagnosis.refit import refit_effect, refit_parameters
-from twin_daemon.diagnosis.search import diagnose
+from twin_daemon.diagnosis.search import Search
 from twin_daemon.diagnosis.thresholds import MOST_OF_IT, REFINEMENT
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding, Step, VerdictName
 from twin_daemon.effects import LIBRARY
@@ -32,7 +32,7 @@ from twin_daemon.places import HAND, ROBOT
 from twin_daemon.processes import Say
 from twin_daemon.processor_time import TimeLimit
 from twin_daemon.simulation.alignment import Aligned, moving_joints
-from twin_daemon.simulation.submodel import drive_groups, parts
+from twin_daemon.simulation.submodel import parts
 from twin_daemon.simulation.twin import TwinModel
 
 # What the whole hand is called when its parts differ: the first of these that any part is.
@@ -144,9 +144,8 @@ class _Stepwise:
         return not over
 
     def begin(self) -> None:
-        """The first look, at what all parts feel alike before each of them, and what parameters alone would do."""
-        if not self._look_at_robot():
-            self._look(None)
+        """The first look, and what parameters alone would do."""
+        self._look(None)
         self._at_first = dict(self._parts)
         if self._may_look() and self.ladder.steps[0].verdict not in ("not_excited", "within_noise"):
             twin = self._first
@@ -215,32 +214,19 @@ class _Stepwise:
 
     # -- diagnosis -----------------------------------------------------------------------------------------
 
-    def _look_at_robot(self) -> bool:
-        """Whether one cause explains all that several groups of joints leave; no part is then looked at before.
-
-        Where all that moves is one part, a look at that asks the same.
-        """
-        moving = set(moving_joints(self._train))
-        for divided in (drive_groups, parts):
-            if sum(bool(moving & set(one.joints)) for one in divided(self._first)) < 2:
-                return False
-        found = self._finished(self._diagnosed(None, 0, self._say))
-        if found.findings:
-            self._parts[ROBOT] = found
-            self.ladder.steps[-1] = self._judged(self.ladder.steps[-1])
-        return bool(found.findings)
-
-    def _diagnosed(self, joints: Sequence[str] | None, most_effects: int, say: Say) -> Diagnosis:
-        return diagnose(
+    def _searched(self, joints: Sequence[str], say: Say) -> Search:
+        """What some joints leave, and what they share."""
+        search = Search(
             self.ladder.twin,
             self._train,
             self._holdout,
             joints=joints,
             seed=self._seed,
             stream=say,
-            most_effects=most_effects,
             limit=self._limit,
         )
+        search.look()
+        return search
 
     def _finished(self, found: Diagnosis) -> Diagnosis:
         """What a diagnosis found. Raises KeyboardInterrupt where it was interrupted."""
@@ -249,28 +235,43 @@ class _Stepwise:
         return found
 
     def _look(self, only: Collection[str] | None) -> None:
-        """Diagnoses some parts again, or all: what was found in one stays true while another one changes."""
+        """Diagnoses some parts again, or all: what was found in one stays true while another one changes.
+
+        All of them are looked at as one before each is searched: where one cause explains what several groups of
+        joints leave, no part is searched before that is added.
+        """
         moving = moving_joints(self._train)
-        cut = {part.name: [n for n in part.joints if n in moving] for part in parts(self.ladder.twin)}
-        asked = [name for name, own in cut.items() if own and (only is None or name in only)]
-
-        def looked_at(name: str, say: Say) -> Diagnosis | None:
-            if not self._may_look() and (self._parts or name != asked[0]):
-                return None
-            return self._diagnosed(cut[name], 1, say)
-
-        if places(len(asked)) > 1:
-            self._say(f"looking at {', '.join(asked)}: each is told of when it has ended")
-        for index, found in side_by_side(looked_at, asked, self._say):
-            if found is not None:
-                self._parts[asked[index]] = self._finished(found)
-                self._changed.discard(asked[index])
-        # in the hand's order, whichever ended first
-        self._parts = {name: self._parts[name] for name in (*cut, ROBOT) if name in self._parts}
-        if len(self._parts) > 1:
-            self._parts.pop(ROBOT, None)  # the parts say the same by now
+        cut = {part.name: own for part in parts(self.ladder.twin) if (own := [n for n in part.joints if n in moving])}
+        asked = [name for name in cut if only is None or name in only]
+        whole = self._searched(moving, self._say) if 1 < len(asked) == len(cut) else None
+        if whole is not None and any(finding.name not in self.ladder.refused for finding in whole.findings):
+            whole.search(0)
+            self._parts = {ROBOT: self._finished(whole.concluded())}
+        else:
+            # beside a cause that was refused each part is looked at as if there were none
+            self._look_at_each({name: cut[name] for name in asked}, whole if whole and not whole.findings else None)
+            # in the hand's order, whichever ended first
+            self._parts = {name: self._parts[name] for name in cut if name in self._parts}
         self._changed.clear()
         self.ladder.steps[-1] = self._judged(self.ladder.steps[-1])
+
+    def _look_at_each(self, asked: Mapping[str, Sequence[str]], whole: Search | None) -> None:
+        """Searches parts, given by name with their joints, side by side; what all leave is known of the `whole`."""
+        names = list(asked)
+
+        def searched(name: str, say: Say) -> Diagnosis | None:
+            if not self._may_look() and (self._parts or name != names[0]):
+                return None
+            search = whole.of(asked[name], say) if whole else self._searched(asked[name], say)
+            search.search(1)
+            return search.concluded()
+
+        if places(len(names)) > 1:
+            self._say(f"looking at {', '.join(names)}: each is told of when it has ended")
+        for index, found in side_by_side(searched, names, self._say):
+            if found is not None:
+                self._parts[names[index]] = self._finished(found)
+                self._changed.discard(names[index])
 
     def _strongest(self) -> tuple[str, Finding | None]:
         """The finding with the most evidence, and its part."""
