@@ -11,7 +11,7 @@ joints, or a share of what they had at first: less only bends the laws of those 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -20,23 +20,17 @@ from twin_daemon.calibration.calibrate import Calibration, calibrate
 from twin_daemon.calibration.spaces import load_space
 from twin_daemon.comparison.compare import raw_command_error
 from twin_daemon.diagnosis.free_rollout import mean_error, with_finding
-from twin_daemon.diagnosis.refit import refit_effect, refit_parameters
-from twin_daemon.diagnosis.search import Search
+from twin_daemon.diagnosis.part_looks import PartLooks
+from twin_daemon.diagnosis.refit import refit_parameters
 from twin_daemon.diagnosis.thresholds import MOST_OF_IT, REFINEMENT
-from twin_daemon.diagnosis.verdict import Diagnosis, Finding, Step, VerdictName
-from twin_daemon.effects import LIBRARY
+from twin_daemon.diagnosis.verdict import Finding, Step
 from twin_daemon.errors import BadInput
 from twin_daemon.estimation.estimate import Estimate
-from twin_daemon.executor import places, side_by_side
 from twin_daemon.places import HAND, ROBOT
 from twin_daemon.processes import Say
 from twin_daemon.processor_time import TimeLimit
-from twin_daemon.simulation.alignment import Aligned, moving_joints
-from twin_daemon.simulation.submodel import parts
+from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
-
-# What the whole hand is called when its parts differ: the first of these that any part is.
-_GRAVEST: tuple[VerdictName, ...] = ("unexplained", "ambiguous", "explained", "within_noise", "not_excited")
 
 _NOTHING_MOVES = "no joint moves by more than 0.05 rad: record steps, two speeds, small reversals and holds"
 
@@ -109,7 +103,7 @@ def stepwise(
 
 
 class _Stepwise:
-    """The steps under way. `_parts` is what the last diagnosis said of each, `_changed` those that changed since."""
+    """The steps under way."""
 
     def __init__(
         self,
@@ -124,8 +118,7 @@ class _Stepwise:
         self._first, self._train, self._holdout, self._seed, self._say = twin, train, holdout, seed, say
         self._limit, self._fitted_after = limit, fitted_after
         self.ladder = Ladder(twin, [self._step(None, {}, twin)])
-        self._parts: dict[str, Diagnosis] = {}
-        self._changed: set[str] = set()
+        self._looks = PartLooks(train, holdout, seed, self._say, limit, self.ladder.refused)
         self._together = False
 
     @property
@@ -137,29 +130,23 @@ class _Stepwise:
     def _may_fit(self) -> bool:
         return self._fitted_after or not self._limit.over()
 
-    def _may_look(self) -> bool:
-        """Whether there is time for a look; where there is none, the answer says that it ended early."""
-        over = self._limit.over()
-        self.ladder.ended_early |= over
-        return not over
-
     def begin(self) -> None:
         """The first look, and what parameters alone would do."""
         self._look(None)
-        self._at_first = dict(self._parts)
-        if self._may_look() and self.ladder.steps[0].verdict not in ("not_excited", "within_noise"):
+        self._at_first = dict(self._looks.said)
+        if self._looks.may_look() and self.ladder.steps[0].verdict not in ("not_excited", "within_noise"):
             twin = self._first
             alone = twin.changed(twin.terms.with_parameters(refit_parameters(twin, self._train)))
             self.ladder.parameters_alone = (mean_error(alone, self._train), mean_error(alone, self._holdout))
 
     def step_on(self) -> bool:
         """One thing more: an effect, values fitted together, a look at what changed. False where nothing is left."""
-        part, finding = self._strongest()
+        part, finding = self._looks.strongest()
         if finding is None:
-            if not self._changed or not self._may_look():
+            if not self._looks.changed or not self._looks.may_look():
                 return False
-            if len(self._changed) == 1 or not self._fitted_together():
-                self._look(set(self._changed))
+            if len(self._looks.changed) == 1 or not self._fitted_together():
+                self._look(set(self._looks.changed))
             return True
         self._say(f"adding {finding.effect} at {finding.target}")
         twin, step = self._with(finding, fitted=part == ROBOT) or (None, None)
@@ -178,8 +165,7 @@ class _Stepwise:
             self.ladder.refused.append(finding.name)
             return True
         self.ladder.twin = twin
-        self._parts[part] = _with_its_finding(self._parts[part], () if self._may_look() else finding.joints)
-        self._changed.add(part)
+        self._looks.added(part, finding)
         self.ladder.steps.append(self._judged(step))
         if part == ROBOT or finding.target == HAND:
             self._look(None)
@@ -188,102 +174,38 @@ class _Stepwise:
     def end(self, whole: Sequence[Aligned]) -> None:
         """What is left to look at, to fit together, to take back, or to fit to the whole recordings."""
         ladder = self.ladder
-        if self._changed:
-            self._look(set(self._changed))
-        given = ladder.added or ladder.ended_early  # values alone, where there was no time to find anything
+        if self._looks.changed:
+            self._look(set(self._looks.changed))
+        given = ladder.added or self._looks.ended_early  # values alone, where there was no time to find anything
         if self._may_fit and given and ladder.steps[-1].verdict == "unexplained":
             self._fitted_together()
         if self._worse_than_raw():
             ladder.take_back(self._first)
-            self._parts = self._at_first
+            self._looks.said = self._at_first
         if whole and any(step.together for step in ladder.steps):
             self._say("fitting the same values to the whole recordings")
-            found = self._fit(whole, ())
+            # from where it ended: another hollow is not what held-out motion has judged
+            found = calibrate(ladder.twin, whole, (), load_space(_TOGETHER), "least-squares", seed=self._seed)
             ladder.twin, ladder.parameters = ladder.twin.changed(found.terms), found.parameters
             last = self._step(None, {}, ladder.twin, whole, ())
             ladder.steps.append(last.model_copy(update={"together": True, "verdict": ladder.steps[-1].verdict}))
 
     def told(self) -> Ladder:
         """The ladder with the reason for its verdict."""
-        gravest = self._gravest()
+        gravest, self.ladder.ended_early = self._looks.gravest, self._looks.ended_early
         if gravest is not None:
             self.ladder.reason = gravest.reason
         elif not self.ladder.interrupted:
             self.ladder.reason = _NOTHING_MOVES
         return self.ladder
 
-    # -- diagnosis -----------------------------------------------------------------------------------------
-
-    def _searched(self, joints: Sequence[str], say: Say) -> Search:
-        """What some joints leave, and what they share."""
-        search = Search(
-            self.ladder.twin,
-            self._train,
-            self._holdout,
-            joints=joints,
-            seed=self._seed,
-            stream=say,
-            limit=self._limit,
-        )
-        search.look()
-        return search
-
-    def _finished(self, found: Diagnosis) -> Diagnosis:
-        """What a diagnosis found. Raises KeyboardInterrupt where it was interrupted."""
-        if found.interrupted and self._may_look():
-            raise KeyboardInterrupt
-        return found
-
     def _look(self, only: Collection[str] | None) -> None:
-        """Diagnoses some parts again, or all: what was found in one stays true while another one changes.
-
-        All of them are looked at as one before each is searched: where one cause explains what several groups of
-        joints leave, no part is searched before that is added.
-        """
-        moving = moving_joints(self._train)
-        cut = {part.name: own for part in parts(self.ladder.twin) if (own := [n for n in part.joints if n in moving])}
-        asked = [name for name in cut if only is None or name in only]
-        whole = self._searched(moving, self._say) if 1 < len(asked) == len(cut) else None
-        if whole is not None and any(finding.name not in self.ladder.refused for finding in whole.findings):
-            whole.search(0)
-            self._parts = {ROBOT: self._finished(whole.concluded())}
-        else:
-            # beside a cause that was refused each part is looked at as if there were none
-            self._look_at_each({name: cut[name] for name in asked}, whole if whole and not whole.findings else None)
-            # in the hand's order, whichever ended first
-            self._parts = {name: self._parts[name] for name in cut if name in self._parts}
-        self._changed.clear()
+        """Diagnoses some parts again, or all."""
+        self._looks.look(self.ladder.twin, only)
         self.ladder.steps[-1] = self._judged(self.ladder.steps[-1])
 
-    def _look_at_each(self, asked: Mapping[str, Sequence[str]], whole: Search | None) -> None:
-        """Searches parts, given by name with their joints, side by side; what all leave is known of the `whole`."""
-        names = list(asked)
-
-        def searched(name: str, say: Say) -> Diagnosis | None:
-            if not self._may_look() and (self._parts or name != names[0]):
-                return None
-            search = whole.of(asked[name], say) if whole else self._searched(asked[name], say)
-            search.search(1)
-            return search.concluded()
-
-        if places(len(names)) > 1:
-            self._say(f"looking at {', '.join(names)}: each is told of when it has ended")
-        for index, found in side_by_side(searched, names, self._say):
-            if found is not None:
-                self._parts[names[index]] = self._finished(found)
-                self._changed.discard(names[index])
-
-    def _strongest(self) -> tuple[str, Finding | None]:
-        """The finding with the most evidence, and its part."""
-        every = [(f.evidence_nats, name, f) for name, d in self._parts.items() for f in d.findings]
-        left = [item for item in every if item[2].name not in self.ladder.refused]
-        return max(left, key=lambda item: item[:2])[1:] if left else ("", None)
-
-    def _gravest(self) -> Diagnosis | None:
-        return min(self._parts.values(), key=lambda d: _GRAVEST.index(d.verdict), default=None)
-
     def _judged(self, step: Step) -> Step:
-        gravest = self._gravest()
+        gravest = self._looks.gravest
         return step.model_copy(update={"verdict": gravest.verdict if gravest is not None else "not_excited"})
 
     # -- fits ----------------------------------------------------------------------------------------------
@@ -298,7 +220,9 @@ class _Stepwise:
             if fitted:
                 changed = with_finding(twin, finding)
             else:
-                refit = refit_effect(twin, self._train, LIBRARY[term.effect], [term.target], {}, start=term.values)
+                refit = self._looks.refit(twin, finding)
+                if refit is None:
+                    return None
                 term = refit.terms[0]
                 changed = twin.changed(twin.terms.with_effect(term).with_parameters(refit.parameters))
         except BadInput:
@@ -313,7 +237,7 @@ class _Stepwise:
             return False
         self._together = True
         self._say("fitting the values of all effects and parameters together")
-        ladder, found = self.ladder, self._fit(self._train, self._holdout)
+        ladder, found = self.ladder, self._fit()
         changed = ladder.twin.changed(found.terms)
         step = self._step(None, {}, changed).model_copy(update={"together": True})
         better = step.better_than(ladder.steps[-1])
@@ -326,18 +250,20 @@ class _Stepwise:
             self._look(None)
         return better
 
-    def _fit(self, train: Sequence[Aligned], holdout: Sequence[Aligned]) -> Calibration:
+    def _fit(self) -> Calibration:
         """All values fitted at once, the model's own from where the steps have left them and from where they were.
 
         What they have come to beside one effect may be a dead end beside all of them: the better on fitted motion
         counts. Where the time for looks is over there is one fit of few starts.
         """
         reached, effects = self.ladder.twin, self.ladder.twin.terms.effects
-        search = "least-squares" if self.ladder.ended_early else "multi-start"
+        search = "least-squares" if self._looks.ended_early else "multi-start"
         found: list[Calibration] = []
         for twin in (reached, reached.changed(self._first.terms.model_copy(update={"effects": effects}))):
-            if not (found and (self.ladder.ended_early or found[0].interrupted or twin.terms == reached.terms)):
-                found.append(calibrate(twin, train, holdout, load_space(_TOGETHER), search, seed=self._seed))
+            if not (found and (self._looks.ended_early or found[0].interrupted or twin.terms == reached.terms)):
+                found.append(
+                    calibrate(twin, self._train, self._holdout, load_space(_TOGETHER), search, seed=self._seed)
+                )
         return replace(min(found, key=lambda one: one.after_rad2), interrupted=found[-1].interrupted)
 
     def _worse_than_raw(self) -> bool:
@@ -366,16 +292,6 @@ class _Stepwise:
             verdict=None,
             confusable_with=finding.confusable_with if finding else (),
         )
-
-
-def _with_its_finding(part: Diagnosis, joints: Collection[str]) -> Diagnosis:
-    """What a diagnosis of a part said of it with one of its findings, until the part is looked at again.
-
-    Where that will not be, as these are the finding's `joints`, what it found at other ones is all that there is.
-    """
-    left = tuple(other for other in part.findings if joints and not set(other.joints) & set(joints))
-    settled = not left and part.verdict in ("explained", "ambiguous")
-    return part.model_copy(update={"findings": left, "verdict": "within_noise" if settled else part.verdict})
 
 
 def _finite(value: float | None) -> float | None:
