@@ -235,3 +235,18 @@ def test_a_weak_supply_is_one_cause_of_a_hand_whose_values_are_off_as_well(tmp_p
     assert [(one["effect"], one["target"]) for one in said["findings"]] == [("actuator_gain", ROBOT)]
     low, high = said["findings"][0]["parameters"]["factor"]["ci95"]
     assert low < 0.647 < high
+
+
+@pytest.mark.slow
+def test_a_light_load_that_each_joint_hides_in_its_values_is_found_at_the_arm(tmp_path: Path) -> None:
+    """Each of three joints is at its floor with a weaker servo, more inertia and less damping."""
+    said = said_of_case(5236, tmp_path)
+    (found,) = said["findings"]
+    assert (found["effect"], said["verdict"]) == ("payload", "explained")
+
+
+@pytest.mark.slow
+def test_friction_of_one_joint_is_not_taken_for_friction_of_all(tmp_path: Path) -> None:
+    """One joint's dry friction is 20 sigma off, so that the mean of all is; the others do worse with it."""
+    said = said_of_case(5244, tmp_path)
+    assert [(one["effect"], one["target"]) for one in said["findings"]] == [("load_friction", "F1J2")]

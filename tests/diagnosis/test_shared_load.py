@@ -16,7 +16,7 @@ from twin_daemon.diagnosis.shared_pair import SharedPair
 from twin_daemon.effects import LIBRARY
 from twin_daemon.estimation.partition import Reduction
 from twin_daemon.hand import load_hand
-from twin_daemon.places import HAND
+from twin_daemon.places import HAND, ROBOT
 from twin_daemon.simulation.alignment import align
 from twin_daemon.simulation.submodel import drive_groups
 from twin_daemon.simulation.terms import EffectTerm, Terms
@@ -63,6 +63,17 @@ def test_a_load_that_a_light_one_says_too_much_of_begins_at_less(tmp_path: Path)
     nothing = search.at(cause, {"mass": 0.0, "at": 1.0})
     assert begun.cost < 0.2 * nothing.cost
     assert begun.values["mass"] > 0.5 * LOAD_KG
+
+
+def test_a_share_that_all_joints_have_more_of_is_fitted_to_its_end(tmp_path: Path) -> None:
+    """It has no typical value, and is far beyond where it begins."""
+    cold = EffectTerm(effect="viscous_friction", target=ROBOT, values={"damping": 0.0, "share": 6.0})
+    search = _search(_arm(tmp_path), cold)
+    cause = SharedCause(LIBRARY["viscous_friction"], ROBOT)
+    (begun,) = search.begun(cause)
+    found, _ = search.fitted(begun)
+    assert found.values["share"] == pytest.approx(6.0, rel=0.1)
+    assert found.cost < 0.1 * begun.cost
 
 
 def test_a_pair_keeps_the_values_of_its_two_loads_apart(tmp_path: Path) -> None:

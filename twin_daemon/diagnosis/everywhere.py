@@ -13,10 +13,9 @@ from twin_daemon.diagnosis.floor_check import within_floor
 from twin_daemon.diagnosis.group import look
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.shared import Shared, SharedSearch
-from twin_daemon.diagnosis.shared_cause import SharedCause, shared_causes
+from twin_daemon.diagnosis.shared_cause import shared_causes
 from twin_daemon.diagnosis.thresholds import CLOSER_LOOK, COMMON_DELAY_SIGMA, DEVIATING_SIGMA, OF_ALL_LEFT
 from twin_daemon.diagnosis.verdict import Finding
-from twin_daemon.effects import LIBRARY
 from twin_daemon.estimation.nuisances import NOMINAL_KINDS
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.executor import concurrently
@@ -99,7 +98,8 @@ def in_common(
         looked_at = looked_at_again(twin, reduction, [reduced for reduced, _ in looked_at])
         if not any(_off_the_same_way(looked_at, kind) for kind in NOMINAL_KINDS):
             return None
-    causes = [SharedCause(effect, ROBOT) for effect in LIBRARY.values() if effect.shared in ("servos", "joints")]
+    # a load on all of them makes each of them look heavier
+    causes = shared_causes(twin, [reduced.joints for reduced, _ in looked_at], everywhere=True)
     shared = SharedSearch(twin, reduction, looked_at).best(causes, seed)
     if shared is None:
         return None

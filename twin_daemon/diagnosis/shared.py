@@ -234,7 +234,10 @@ class SharedSearch(SharedFit):
             # over what the uncertain values could do instead, which nobody has fitted: on what was searched
             evidence = 0.5 * (nothing - found.cost)
         else:
-            evidence = 0.5 * sum(_least_cost(old) - _least_cost(new) for (_, old), (_, new) in both)
+            by_group = [0.5 * (_least_cost(old) - _least_cost(new)) for (_, old), (_, new) in both]
+            evidence = sum(by_group)
+            if min(by_group) < -DECISIVE_NATS:
+                return None  # what some have, and others do better without, is theirs alone
         if evidence < DECISIVE_NATS:
             return None
         told = _told_apart(best, fits, nothing)

@@ -50,6 +50,11 @@ class Begun:
         return float(self.rows @ self.rows)
 
     @property
+    def scales(self) -> dict[str, float]:
+        """What is a large change of each value that is moved."""
+        return {name: max(abs(self.values[name]), abs(self.cause.typical(name))) for name in self.cause.amplitudes}
+
+    @property
     def effects(self) -> frozenset[str]:
         """The names of what it is made of."""
         return frozenset(part.name for part in self.cause.parts)
@@ -206,7 +211,7 @@ class SharedFit:
         cause = begun.cause
         slopes = np.empty((len(begun.rows), 0))
         for count, share in enumerate(SHARED_STEPS):
-            steps = {n: share * max(abs(begun.values[n]), abs(cause.typical(n))) for n in cause.amplitudes}
+            steps = {n: share * scale for n, scale in begun.scales.items()}
             stepped = [begun.values | {name: begun.values[name] + step} for name, step in steps.items()]
             found = concurrently(lambda values: self._rows(cause, values), stepped)
             slopes = np.column_stack([(r - begun.rows) / step for r, step in zip(found, steps.values(), strict=True)])
@@ -234,12 +239,12 @@ class SharedFit:
         A smaller one is also more one along what the rows know best: what they hardly know would go far.
         """
         cause = begun.cause
-        typical = np.array([cause.typical(name) for name in cause.amplitudes])
-        left, sizes, right = np.linalg.svd(slopes * typical, full_matrices=False)
+        scales = np.array(list(begun.scales.values()))
+        left, sizes, right = np.linalg.svd(slopes * scales, full_matrices=False)
         along = left.T @ -begun.rows
         for halving, damping in enumerate(SHARED_DAMPING):
             shares = sizes / np.maximum(sizes**2 + damping * sizes.max() ** 2, 1e-300)
-            move = 0.5**halving * typical * (right.T @ (shares * along))
+            move = 0.5**halving * scales * (right.T @ (shares * along))
             moved = {n: begun.values[n] + float(m) for n, m in zip(cause.amplitudes, move, strict=True)}
             trial = self.at(cause, begun.values | moved)
             if trial.cost < begun.cost:
