@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -46,3 +47,8 @@ def test_what_does_nothing_beside_the_right_law_is_dropped(tmp_path: Path) -> No
     (trial,) = idle
     assert trial.effect == "spring"
     assert "nonlinear_spring:left" in trial.lost_because
+    # the law that is right explains more alone than the wrong one does: it is not in the place of that beside itself
+    known = {"spring:left": 100.0, "nonlinear_spring:left": 5000.0, "payload:left": 10.0}
+    first, second = (replace(one, weighed=known, rivals=()) for one in accepted)
+    assert first.posterior()["spring:left"] < 0.01
+    assert first.posterior([second])["spring:left"] > 0.99

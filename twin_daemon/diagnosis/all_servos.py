@@ -80,6 +80,6 @@ def _finding(
         holdout_gain=1.0 - after / max(before, 1e-30),
         holdout_gain_ci95=(min(low for low, _ in intervals), max(high for _, high in intervals)),
         confusable_with=tuple(f"{key}:{ROBOT}" for key in sorted(set.intersection(*rivals))),
-        probability=min((1.0 - o.what_is_left.unknown()) * one.posterior[one.hypothesis.name] for o, one in theirs),
+        probability=min((1.0 - o.what_is_left.unknown()) * one.posterior()[one.hypothesis.name] for o, one in theirs),
         explanation=cause.effect.story.explanation,
     )

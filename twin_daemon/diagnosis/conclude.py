@@ -73,10 +73,13 @@ class Accepted:
             return tuple(self.part.joints)
         return tuple(dict.fromkeys((target, *self.part.twin.joints_of(target))))
 
-    @property
-    def posterior(self) -> dict[str, float]:
-        """Probabilities of what may be at this place among the causes, given that it is one of the library."""
-        return posterior(self.weighed, self.decisive_nats)
+    def posterior(self, beside: Sequence[Accepted] = ()) -> dict[str, float]:
+        """Probabilities of what may be at this place among the causes, given that it is one of the library.
+
+        What is `beside` it, and may be there instead of that, is not in its place as well.
+        """
+        there = {one.hypothesis.name for other in beside for one in (other, *other.rivals)} - {self.hypothesis.name}
+        return posterior({n: nats for n, nats in self.weighed.items() if n not in there}, self.decisive_nats)
 
 
 @dataclass
@@ -107,6 +110,11 @@ class Outcome:
     def names(self) -> set[str]:
         """Of what was accepted."""
         return {one.hypothesis.name for one in self.accepted}
+
+    @property
+    def posteriors(self) -> list[dict[str, float]]:
+        """For each that was accepted the probabilities of what may be at its place beside the others."""
+        return [one.posterior([other for other in self.accepted if other is not one]) for one in self.accepted]
 
     @property
     def explains(self) -> bool:
@@ -144,7 +152,7 @@ def conclude(
     unknowns = [o.what_is_left.unknown(causes) for o in outcomes]
     findings = [_beside_unknown(finding, outcomes, unknowns) for finding in shared]
     for o, unknown in zip(outcomes, unknowns, strict=True):
-        findings += [_finding(item, unknown) for item in o.accepted]
+        findings += [_finding(*each, unknown) for each in zip(o.accepted, o.posteriors, strict=True)]
     findings = ranked(findings)
     # of what was not searched to the end nobody can say how probable a law is that is not in the library
     finished = not any(o.unfinished for o in outcomes)
@@ -261,8 +269,7 @@ def _takes_all(finding: Finding) -> bool:
 
 def _causes(outcomes: Sequence[Outcome], shared: Sequence[Mapping[str, float]]) -> list[Mapping[str, float]]:
     """One distribution for each place among the causes."""
-    own = [item.posterior for outcome in outcomes for item in outcome.accepted]
-    return [*shared, *own]
+    return [*shared, *(found for outcome in outcomes for found in outcome.posteriors)]
 
 
 def _beside_unknown(finding: Finding, outcomes: Sequence[Outcome], unknowns: Sequence[float]) -> Finding:
@@ -283,7 +290,7 @@ def _too_poor(outcome: Outcome) -> str:
     )
 
 
-def _finding(accepted: Accepted, unknown: float) -> Finding:
+def _finding(accepted: Accepted, among: Mapping[str, float], unknown: float) -> Finding:
     part, fit, judged, hypothesis = accepted.part, accepted.fit, accepted.judged, accepted.hypothesis
     effect = hypothesis.effect
     return Finding(
@@ -310,7 +317,7 @@ def _finding(accepted: Accepted, unknown: float) -> Finding:
         ),
         confusable_with=tuple(rival.hypothesis.name for rival in accepted.rivals),
         rivals=tuple(rival.term for rival in accepted.rivals),
-        probability=(1.0 - unknown) * accepted.posterior[hypothesis.name],
+        probability=(1.0 - unknown) * among[hypothesis.name],
         explanation=effect.story.explanation,
     )
 

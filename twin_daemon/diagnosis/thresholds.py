@@ -56,9 +56,10 @@ SHARED_STEPS = tuple(
 )
 SHARED_SETTLED_NATS = Threshold(0.5, "nats", "that a step of such values promises: with less their fit ends")
 SHARED_TAKEN = Threshold(
-    0.5,
+    0.75,
     "1",
-    "of what is above the floor, from most groups: a cause that takes less of it is not fitted to its end",
+    "of what is above the floor, from most groups: a cause that takes less of it is not fitted to its end; right ones "
+    "take all but some floors",
 )
 SHARED_NEARER = Count(4, "steps", "of a group's nuisances before a cause of all servos is asked for in their stead")
 SHARED_DAMPING = tuple(
