@@ -57,11 +57,18 @@ def behind_all(
     groups: int,
     seed: int,
     say: Say,
-) -> Shared | None:
-    """One cause behind all groups above the floor: cheaper than one each, so it is tried first."""
+) -> tuple[Shared | None, EffectTerm | None]:
+    """(one cause behind all groups above the floor, a load that may be one of several things wrong with them).
+
+    One cause is cheaper than one each, so it is tried first. Beside one of several the search of all begins.
+    """
     joints = [reduced.joints for reduced, _ in above]
     causes = shared_causes(twin, joints, everywhere=2 * len(above) > groups)
-    return _said(SharedSearch(twin, reduction, above).best(causes, seed), len(above), say)
+    search = SharedSearch(twin, reduction, above)
+    found = search.best(causes, seed)
+    if found is not None and found.one_of_several:
+        return None, found.finding.term
+    return _said(found, len(above), say), None if found else search.nearly
 
 
 def _said(found: Shared | None, above: int, say: Say) -> Shared | None:

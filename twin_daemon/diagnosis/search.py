@@ -104,9 +104,7 @@ class Search:
             stack.enter_context(self._limit.enforced())  # what a first look says is said however long it takes
             known = self._above_floor()
             if shared is None and sum(not one.within_floor or bool(deviating(one)) for _, one in self._above) > 1:
-                shared = self._behind_all(self._count)
-                if shared is not None and shared.one_of_several:
-                    self._begins, shared = shared.finding.term, None
+                shared = self._behind_all()
             if shared is None and self._begins is None:
                 shared = in_common(self._twin, self._reduction, list(known.values()), self._seed, self._say)
             if not self._above and shared is None:
@@ -150,8 +148,10 @@ class Search:
             self._above = [look(reduced) if part.nominal else (reduced, part) for reduced, part in self._above]
         return known
 
-    def _behind_all(self, groups: int) -> Shared | None:
-        return behind_all(self._twin, self._reduction, self._above, groups, self._seed, self._say)
+    def _behind_all(self) -> Shared | None:
+        """One cause behind all groups above the floor."""
+        found, self._begins = behind_all(self._twin, self._reduction, self._above, self._count, self._seed, self._say)
+        return found
 
     def _look_near(self, unseen: Sequence[tuple[Part, Sequence[str]]]) -> None:
         """The motion near something else, where all that is clear of any is at its floor."""
@@ -182,7 +182,7 @@ class Search:
         self._looked_at = [*shared.settled, *self._above]
         self._above_anew()
         self._groups = [with_everywhere(group, finding) for group in self._groups]
-        return self._behind_all(self._count) if len(self._above) > 1 else None
+        return self._behind_all() if len(self._above) > 1 else None
 
     def _found(self, shared: Shared) -> None:
         self.findings += shared.findings
@@ -213,14 +213,16 @@ class Search:
             return
         with self._interruptible(), self._limit.enforced():
             search = self._unit_search(most_effects)
-            if not (self.findings or self._begins) and (beside := search.behind_the_others(self._above, self._count)):
-                self._found(beside)
-                # alone: what the worst one has of its own is searched again beside it
-                for finding in beside.findings:
-                    self._twin = self._twin.changed(self._twin.terms.with_effect(finding.term))
-                self._above_anew()
-                self._looked_at = [*self._looked_at, *self._above]
-                search = self._unit_search(most_effects)
+            if not (self.findings or self._begins):
+                beside, self._begins = search.behind_the_others(self._above, self._count)
+                if beside is not None:
+                    self._found(beside)
+                    # alone: what the worst one has of its own is searched again beside it
+                    for finding in beside.findings:
+                        self._twin = self._twin.changed(self._twin.terms.with_effect(finding.term))
+                    self._above_anew()
+                    self._looked_at = [*self._looked_at, *self._above]
+                    search = self._unit_search(most_effects)
             for unit in units(self._twin, self._above):
                 if unit := search.still_above(unit):
                     search.search(unit, self._begins)

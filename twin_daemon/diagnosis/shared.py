@@ -30,7 +30,7 @@ from twin_daemon.estimation.partition import Reduced
 from twin_daemon.estimation.uncertainty import block_gain
 from twin_daemon.executor import concurrently
 from twin_daemon.places import HAND, ROBOT
-from twin_daemon.simulation.terms import Terms
+from twin_daemon.simulation.terms import EffectTerm, Terms
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,13 @@ class _Held:
 
 
 class SharedSearch(SharedFit):
-    """Looks for one cause behind what several groups show, or for two loads."""
+    """Looks for one cause behind what several groups show, or for two loads.
+
+    `nearly` is the best load that leaves of all groups what a right law leaves and does not bring them to their floors:
+    something else may be wrong at one of them.
+    """
+
+    nearly: EffectTerm | None = None
 
     def _pairs(self, alone: Sequence[Begun], causes: Sequence[SharedCause]) -> list[list[Begun]]:
         """Two loads at once, fitted together: each of some that were fitted `alone` beside each of all.
@@ -221,6 +227,8 @@ class SharedSearch(SharedFit):
             above = self.joined(self._twin)
             looked_at = there.joined(self._twin.changed(cause.terms(self._twin, values)))
             squares = passing(above, looked_at, seed)
+            if None in squares and held.helped and len(cause.parts) == 1 and self._takes_all(found):
+                self.nearly = cause.terms(self._twin, values).effects[-1]
         elif None in squares:
             right = [i for i, one in enumerate(squares) if one is not None]
             if held.helped and 2 * len(right) > len(squares) > 2:

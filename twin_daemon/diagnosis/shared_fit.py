@@ -20,6 +20,7 @@ from twin_daemon.diagnosis.group import GroupRows, at_nominal, look
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.shared_cause import Cause, SharedCause
 from twin_daemon.diagnosis.thresholds import (
+    RELATIVE_ERROR,
     SHARED_DAMPING,
     SHARED_HALVINGS,
     SHARED_SETTLED_NATS,
@@ -86,6 +87,11 @@ class SharedFit:
         return float(self._nothing @ self._nothing) - SHARED_TAKEN * sum(
             max(one, 0.0) for one in above[: len(above) // 2 + 1]
         )
+
+    def _takes_all(self, begun: Begun) -> bool:
+        """Whether a cause leaves of what is above the floor no more than a right law does."""
+        floor, nothing = sum(group.floor_cost for group in self._groups), float(self._nothing @ self._nothing)
+        return begun.cost - floor <= RELATIVE_ERROR * (nothing - floor)
 
     def _helps_most(self, begun: Begun) -> bool:
         """Whether a cause takes its share of what is above the floor from most groups, or brings them to it."""

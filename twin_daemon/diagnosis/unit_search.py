@@ -69,9 +69,11 @@ class UnitSearch:
         if not self.most_effects:
             self.outcomes.extend(begun_outcome(reduced, part) for reduced, part in unit)
             return
-        twin, left = self.twin, list(unit)
+        if begins and len(unit) > 1 and any(begins.target in reduced.joints for reduced, _ in unit):
+            self._begun_with(begins, unit)
+            return
+        twin, left, begins = self.twin, list(unit), None
         first: Outcome | None = None
-        begins = begins if begins and any(begins.target in reduced.joints for reduced, _ in unit) else None
         while len(left) > 1 and not begins:
             left.sort(key=_how_bad)
             reduced, part = left[0]
@@ -104,6 +106,21 @@ class UnitSearch:
             self.outcomes.append(self._ended(twin, replace(self._search(part, reduced), begins=begins), begun))
         elif left and (found := self._together(twin, left, first, begins)) is not None:
             self.outcomes.append(found)
+
+    def _begun_with(self, begins: EffectTerm, unit: Sequence[tuple[Reduced, PartFit]]) -> None:
+        """Searches groups as one from a known first effect on, and otherwise where that does not explain them."""
+        before = len(self.outcomes)
+        together = self._together(self.twin, unit, None, begins)
+        if together is None:
+            return
+        if together.unfinished or together.explains or (self._one_each and together.accepted):
+            self.outcomes.append(together)
+            return
+        self.search(unit)
+        others = self.outcomes[before:]
+        explained = all(one.explains or one.within_floor for one in others)
+        if not explained and together.left <= max(one.left for one in others):
+            self.outcomes[before:] = [replace(together, unfinished=any(one.unfinished for one in others))]
 
     def still_above(self, unit: list[tuple[Reduced, PartFit]]) -> list[tuple[Reduced, PartFit]]:
         """Those of some groups that are above the floor beside what was found at others.
@@ -169,29 +186,33 @@ class UnitSearch:
                     values.pop(name, None)
         return with_values(twin, values)
 
-    def behind_the_others(self, above: Sequence[tuple[Reduced, PartFit]], groups: int) -> Shared | None:
-        """A cause that several of so many groups share beside what the worst of them has of its own; None without one.
+    def behind_the_others(
+        self, above: Sequence[tuple[Reduced, PartFit]], groups: int
+    ) -> tuple[Shared | None, EffectTerm | None]:
+        """(a cause that several of so many groups share beside what the worst of them has of its own, a load that may
+        be one of several things wrong with all).
 
         What the worst one has of its own stood in its way, as it explains nothing of that.
         """
         if len(above) < 2 or self.most_effects < 2:
-            return None
+            return None, None
         worst, *others = sorted(above, key=_how_bad)
         begun = self._search(worst[1], worst[0]).begun()
         twin, reduction, left = self._beside(self.twin, begun, [worst, *others])
         self._asked[worst[1].joints] = begun, left
         found: Shared | None = None
+        begins: EffectTerm | None = None
         with contextlib.suppress(OutOfTime):
             if _has_its_own(left, others):
                 # the worst one shares it as well where it leaves more than its floor beside what it has of its own
                 again = looked_at_again(twin, reduction, [worst[0]])
                 left = [*(one for one in again if not one[1].within_floor), *left]
                 if len(left) > 1:
-                    found = behind_all(twin, reduction, left, groups, self.seed, self.say)
+                    found, _ = behind_all(twin, reduction, left, groups, self.seed, self.say)
             if found is None and len(others) > 1 and not (begun.ended or begun.outcome.explains):
                 # one effect that stands in for both there leaves of the others what neither does
-                found = behind_all(self.twin, self.reduction, others, groups, self.seed, self.say)
-        return found
+                found, begins = behind_all(self.twin, self.reduction, others, groups, self.seed, self.say)
+        return found, begins
 
     def _beside(
         self, twin: TwinModel, begun: Progress, groups: Sequence[tuple[Reduced, PartFit]]
