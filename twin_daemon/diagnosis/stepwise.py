@@ -143,8 +143,11 @@ class _Stepwise:
         """One thing more: an effect, values fitted together, a look at what changed. False where nothing is left."""
         part, finding = self._looks.strongest()
         if finding is None:
-            if not self._looks.changed or not self._looks.may_look():
+            if not self._looks.may_look():
                 return False
+            if not self._looks.changed:
+                # what did not hold beside values that are off may beside fitted ones, or something else
+                return bool(self.ladder.refused) and not self.ladder.added and self._fitted_together()
             if len(self._looks.changed) == 1 or not self._fitted_together():
                 self._look(set(self._looks.changed))
             return True
@@ -176,7 +179,8 @@ class _Stepwise:
         ladder = self.ladder
         if self._looks.changed:
             self._look(set(self._looks.changed))
-        given = ladder.added or self._looks.ended_early  # values alone, where there was no time to find anything
+        # values alone, where there was no time to find anything, or nothing held
+        given = ladder.added or ladder.refused or self._looks.ended_early
         if self._may_fit and given and ladder.steps[-1].verdict == "unexplained":
             self._fitted_together()
         if self._worse_than_raw():
