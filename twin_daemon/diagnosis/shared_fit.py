@@ -52,8 +52,9 @@ class Begun:
 
     @property
     def scales(self) -> dict[str, float]:
-        """What is a large change of each value that is moved."""
-        return {name: max(abs(self.values[name]), abs(self.cause.typical(name))) for name in self.cause.amplitudes}
+        """What is a large change of each value that is moved; of a share that has no typical one all of it."""
+        typical = self.cause.typical
+        return {name: max(abs(self.values[name]), abs(typical(name))) or 1.0 for name in self.cause.amplitudes}
 
     @property
     def effects(self) -> frozenset[str]:
@@ -224,7 +225,7 @@ class SharedFit:
             move = np.linalg.lstsq(slopes, -begun.rows, rcond=None)[0]
             expected = begun.cost - float(((begun.rows + slopes @ move) ** 2).sum())
             # where a cause begins its slopes may promise too little, so that it is moved once
-            within = min(reach, self._most_cost) if count else reach
+            within = min(reach, self._most_cost) if count else np.inf
             if 0.5 * expected < SHARED_SETTLED_NATS or begun.cost - expected > within:
                 break
             begun = self._moved(begun, slopes)

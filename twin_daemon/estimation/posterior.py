@@ -217,7 +217,11 @@ class Posterior(Problem):
         at_quarter = self.at_finer_step(FINER_STEPS, point)
         whole = 1.0 + 1.0 / (FINER_STEPS - 1.0)
         each = zip(at_quarter, own, self._variances_at(point), strict=True)
-        return [Correction(whole * (fine - coarse[0]), variance) for fine, coarse, variance in each]
+        # of a roll-out that went beyond all bounds nothing is known of its error
+        return [
+            Correction(np.nan_to_num(whole * (fine - coarse[0]), posinf=0.0, neginf=0.0), variance)
+            for fine, coarse, variance in each
+        ]
 
     def _variances_at(self, point: np.ndarray) -> list[np.ndarray]:
         """(n, k) rad^2 a recording: how uncertain the roll-out of a point (p,) is.
@@ -233,7 +237,8 @@ class Posterior(Problem):
         stronger = Posterior(
             self.twin, [_stronger(one) for one in self.recordings], self.variables, self.objective, self.floor
         ).predict(point[None])
-        return [(there[0] - here[0]) ** 2 for there, here in zip(stronger, own, strict=True)]
+        each = zip(stronger, own, strict=True)
+        return [np.nan_to_num((there[0] - here[0]) ** 2, posinf=0.0, neginf=0.0) for there, here in each]
 
     def at_finer_step(self, steps: float, point: np.ndarray) -> list[np.ndarray]:
         """(n, k) rad a recording: how a point (p,) moves at so many time steps in one."""
