@@ -27,6 +27,7 @@ from twin_daemon.diagnosis.thresholds import (
 )
 from twin_daemon.diagnosis.verdict import Finding
 from twin_daemon.estimation.partition import Reduced
+from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
 from twin_daemon.estimation.uncertainty import block_gain
 from twin_daemon.executor import concurrently
 from twin_daemon.places import HAND, ROBOT
@@ -202,13 +203,28 @@ class SharedSearch(SharedFit):
             finalists.append(sorted(fitted, key=lambda fit: fit.cost))
         return finalists
 
+    def _most_promising(self, finalists: Sequence[Sequence[Begun]]) -> tuple[Sequence[Begun], Begun, list[Begun]]:
+        """(the best cause, in its forms, it as it is held against the others, these and it).
+
+        Of several that come as far, and not to the floor, it is the best once they are settled: far from where a cause
+        has come to, what nuisances can do to first order does not say which of them is right.
+        """
+        fits = [forms[0] for forms in finalists]
+        best = min(range(len(fits)), key=lambda i: fits[i].cost)
+        near = [i for i, fit in enumerate(fits) if fit.cost <= COMPARABLE * fits[best].cost and self._helps_most(fit)]
+        floor = FLOOR_CHI_SQUARE * sum(group.floor_cost for group in self._groups)
+        if len(near) > 1 and fits[best].cost > floor and len(fits[best].cause.parts) == 1:
+            for i in near:
+                fits[i] = self.settled(fits[i])[0]
+            best = min(near, key=lambda i: fits[i].cost)
+        return finalists[best], fits[best], fits
+
     def _accepted(
         self, finalists: Sequence[Sequence[Begun]], causes: Sequence[SharedCause], seed: int, most_left: float
     ) -> Shared | None:
         if not finalists:
             return None
-        fits = [forms[0] for forms in finalists]
-        forms = min(finalists, key=lambda forms: forms[0].cost)
+        forms, told, fits = self._most_promising(finalists)
         best = forms[0]
         nothing = float(self._nothing @ self._nothing)
         if best.cost > most_left * nothing + sum(group.floor_cost for group in self._groups):
@@ -248,7 +264,7 @@ class SharedSearch(SharedFit):
                 return None  # what some have, and others do better without, is theirs alone
         if evidence < DECISIVE_NATS:
             return None
-        told = _told_apart(best, fits, nothing)
+        among = _told_apart(told, fits, nothing)
         joints = tuple(dict.fromkeys(joint for reduced, _ in self._above for joint in reduced.joints))
         estimates = there.estimates(found, slopes)
         moved = {name: value for _, part in looked_at for name, value in part.base.moved.items()}
@@ -269,9 +285,9 @@ class SharedSearch(SharedFit):
                 probability=shares[part.name],
                 explanation=part.effect.story.explanation,
             )
-            for part, (ties, shares) in zip(cause.parts, told, strict=True)
+            for part, (ties, shares) in zip(cause.parts, among, strict=True)
         )
-        return Shared(findings, tuple(shares for _, shares in told), cause.terms(self._twin, values), looked_at)
+        return Shared(findings, tuple(shares for _, shares in among), cause.terms(self._twin, values), looked_at)
 
 
 def _told_apart(best: Begun, fits: Sequence[Begun], nothing: float) -> list[tuple[tuple[str, ...], dict[str, float]]]:

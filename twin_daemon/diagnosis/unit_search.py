@@ -208,8 +208,8 @@ class UnitSearch:
                 again = looked_at_again(twin, reduction, [worst[0]])
                 left = [*(one for one in again if not one[1].within_floor), *left]
                 if len(left) > 1:
-                    found, _ = behind_all(twin, reduction, left, groups, self.seed, self.say)
-            if found is None and len(others) > 1 and not (begun.ended or begun.outcome.explains):
+                    found, begins = behind_all(twin, reduction, left, groups, self.seed, self.say)
+            if not (found or begins) and len(others) > 1 and not (begun.ended or begun.outcome.explains):
                 # one effect that stands in for both there leaves of the others what neither does
                 found, begins = behind_all(self.twin, self.reduction, others, groups, self.seed, self.say)
         return found, begins
