@@ -174,13 +174,18 @@ class Search:
         self._found(shared)  # it is found, whatever time is left for who else has it
         finding, above = at_all(shared.finding, self._groups, self._outcomes, self._seed, self._say)
         self.findings[-len(shared.findings)] = finding
-        self._above = shared.forced + above
-        if finding.target != ROBOT:
+        everywhere = finding.target == ROBOT
+        # of what some carry the others feel nothing, and are above the floor as before
+        apart = {joint for _, part in shared.looked_at for joint in part.joints}.isdisjoint
+        self._above = shared.forced + above if everywhere else [one for one in self._above if apart(one[1].joints)]
+        if not (everywhere or self._above):
             return None
         # beside what all have some may have something of their own, which several feel
         self._twin = self._twin.changed(shared.terms)
         self._looked_at = [*shared.settled, *self._above]
         self._above_anew()
+        if not everywhere:
+            return None
         self._groups = [with_everywhere(group, finding) for group in self._groups]
         return self._behind_all() if len(self._above) > 1 else None
 
