@@ -38,7 +38,7 @@ class PartLooks:
     ) -> None:
         self._train, self._holdout, self._seed, self._say, self._limit = train, holdout, seed, say, limit
         self._refused = refused  # names of findings that did not hold, as they are known
-        self._refits: dict[str, Refit] = {}  # of findings, by name, where they were found
+        self._refits: dict[str, Refit | None] = {}  # of findings that wait, by name
         self.said: dict[str, Diagnosis] = {}
         self.changed: set[str] = set()
         self.ended_early = False
@@ -72,7 +72,7 @@ class PartLooks:
 
     def _looked_at(self, twin: TwinModel, joints: Sequence[str], say: Say) -> Search:
         """What some joints leave, and what they share."""
-        search = Search(twin, self._train, self._holdout, joints=joints, seed=self._seed, stream=say, limit=self._limit)
+        search = Search(twin, self._train, self._holdout, joints, self._seed, say, self._limit)
         search.look()
         return search
 
@@ -85,37 +85,42 @@ class PartLooks:
         """Searches parts, given by name with their joints, side by side; what all leave is known of the `whole`."""
         names = list(asked)
 
-        def searched(name: str, say: Say) -> tuple[Diagnosis, dict[str, Refit]] | None:
+        def searched(name: str, say: Say) -> Diagnosis | None:
             if not self.may_look() and (self.said or name != names[0]):
                 return None
             search = whole.of(asked[name], say) if whole else self._looked_at(twin, asked[name], say)
             search.search(1)
-            found = search.concluded()
-            return found, self._refitted(twin, found)
+            return search.concluded()
 
         if places(len(names)) > 1:
             self._say(f"looking at {', '.join(names)}: each is told of when it has ended")
         for index, found in side_by_side(searched, names, self._say):
             if found is not None:
-                self.said[names[index]] = self._finished(found[0])
-                self._refits |= found[1]
+                self.said[names[index]] = self._finished(found)
                 self.changed.discard(names[index])
 
-    def _refitted(self, twin: TwinModel, found: Diagnosis) -> dict[str, Refit]:
-        """The finding of a part that is added first, refitted beside the other parts: each moves on its own."""
-        finding = self._strongest(found)
-        refit = self.refit(twin, finding) if finding and self.may_look() else None
-        return {} if finding is None or refit is None else {finding.name: refit}
-
     def refit(self, twin: TwinModel, finding: Finding) -> Refit | None:
-        """A finding refitted to the end; None where it cannot stand beside what the twin has."""
-        if finding.name in self._refits:
-            return self._refits.pop(finding.name)
-        effect, term = LIBRARY[finding.effect], finding.term
-        try:
-            return refit_effect(twin, self._train, effect, [term.target], {}, start=term.values)
-        except BadInput:
-            return None
+        """A finding refitted to the end; None where it cannot stand beside what the twin has.
+
+        With it go those that wait at other parts, side by side: each part moves on its own.
+        """
+        if finding.name not in self._refits:
+            waiting = {finding.name: finding}
+            for said in self.said.values():
+                other = self._strongest(said)
+                if other is not None and other.name not in self._refits:
+                    waiting.setdefault(other.name, other)
+            names = list(waiting)
+
+            def refitted(name: str, _: Say) -> Refit | None:
+                effect, term = LIBRARY[waiting[name].effect], waiting[name].term
+                try:
+                    return refit_effect(twin, self._train, effect, [term.target], {}, start=term.values)
+                except BadInput:
+                    return None
+
+            self._refits |= {names[index]: refit for index, refit in side_by_side(refitted, names, self._say)}
+        return self._refits.pop(finding.name)
 
     def added(self, part: str, finding: Finding) -> None:
         """Says that a part has got what was found there."""

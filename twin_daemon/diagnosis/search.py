@@ -48,7 +48,7 @@ def diagnose(
 
     Ctrl-C and the end of the time limit end the search; what has been found until then is in the answer.
     """
-    search = Search(twin, train, holdout, joints=joints, seed=seed, stream=stream, limit=limit)
+    search = Search(twin, train, holdout, joints, seed, stream or (lambda _: None), limit or TimeLimit())
     search.look()
     search.search(most_effects)
     return search.concluded()
@@ -65,17 +65,16 @@ class Search:
         twin: TwinModel,
         train: Sequence[Aligned],
         holdout: Sequence[Aligned],
-        *,
-        joints: Sequence[str] | None = None,
-        seed: int = 0,
-        stream: Say | None = None,
-        limit: TimeLimit | None = None,
+        joints: Sequence[str] | None,
+        seed: int,
+        say: Say,
+        limit: TimeLimit,
     ) -> None:
-        self._twin, self._train, self._holdout, self._seed = twin, train, holdout, seed
+        self._twin, self._train, self._holdout = twin, train, holdout
+        self._seed, self._say, self._limit = seed, say, limit
         self._asked, self._moving = joints, [name for name in moving_joints(train) if not joints or name in joints]
-        self._limit, self._say = limit or TimeLimit(), stream or (lambda _: None)
         self.findings: list[Finding] = []
-        self.interrupted = False
+        self._interrupted = False
         self._causes: list[Mapping[str, float]] = []
         self._outcomes: list[Outcome] = []
         self._left_out = LeftOut()
@@ -92,7 +91,7 @@ class Search:
         try:
             yield
         except (KeyboardInterrupt, OutOfTime):
-            self.interrupted = True
+            self._interrupted = True
 
     def look(self) -> None:
         """What each group leaves with all that is uncertain about it fitted, and the causes that several share."""
@@ -166,17 +165,16 @@ class Search:
 
     def _beside(self, shared: Shared) -> Shared | None:
         """Takes a shared cause into what is known; a further one beside it, which some may feel as well."""
-        theirs = {part.joints for _, part in shared.looked_at}
-        self._outcomes = [outcome for outcome in self._outcomes if outcome.joints not in theirs]
+        apart = {joint for _, part in shared.looked_at for joint in part.joints}.isdisjoint
+        self._outcomes = [outcome for outcome in self._outcomes if apart(outcome.joints)]
         for reduced, part in shared.settled:
             self._outcomes.append(replace(begun_outcome(reduced, part), within_floor=True))
-        self._groups = [group for group in self._groups if group.joints not in theirs]
+        self._groups = [group for group in self._groups if apart(group.joints)]
         self._found(shared)  # it is found, whatever time is left for who else has it
         finding, above = at_all(shared.finding, self._groups, self._outcomes, self._seed, self._say)
         self.findings[-len(shared.findings)] = finding
         everywhere = finding.target == ROBOT
         # of what some carry the others feel nothing, and are above the floor as before
-        apart = {joint for _, part in shared.looked_at for joint in part.joints}.isdisjoint
         self._above = shared.forced + above if everywhere else [one for one in self._above if apart(one[1].joints)]
         if not (everywhere or self._above):
             return None
@@ -198,10 +196,10 @@ class Search:
         self._reduction, again = closer(self._twin, self._reduction, self._looked_at, self._above)
         self._above = above_floor(again, self._outcomes, self._seed, self._say)
 
-    def of(self, joints: Collection[str], stream: Say) -> Search:
+    def of(self, joints: Collection[str], say: Say) -> Search:
         """What some of the joints alone have said, to be searched by itself."""
         one = copy.copy(self)
-        one._say = stream
+        one._say = say
         apart = set(joints).isdisjoint
         one._groups = [group for group in self._groups if not apart(group.joints)]
         one._above = [(reduced, part) for reduced, part in self._above if not apart(part.joints)]
@@ -212,9 +210,9 @@ class Search:
         one.findings, one._causes = list(self.findings), list(self._causes)
         return one
 
-    def search(self, most_effects: int = MOST_EFFECTS) -> None:
+    def search(self, most_effects: int) -> None:
         """Looks for effects at the groups above the floor, so many at each that feel each other."""
-        if self.interrupted or not self._moving:
+        if self._interrupted or not self._moving:
             return
         with self._interruptible(), self._limit.enforced():
             search = self._unit_search(most_effects)
@@ -256,14 +254,14 @@ class Search:
         outcomes = list(self._outcomes)
         judged = {joint for outcome in outcomes for joint in outcome.joints}
         left = [(reduced, part, False) for reduced, part in self._above]
-        if self.interrupted:
+        if self._interrupted:
             # time may have been over before it was known which of these are above the floor on other motion as well
             known = {part.joints for _, part in self._above}
             left += [(r, part, part.within_floor) for r, part in self._looked_at if part.joints not in known]
         for reduced, part, sound in left:
             if not judged & set(reduced.joints):
                 outcomes.append(replace(begun_outcome(reduced, part), unfinished=True, within_floor=sound))
-        interrupted = self.interrupted or any(outcome.unfinished for outcome in outcomes)
+        interrupted = self._interrupted or any(outcome.unfinished for outcome in outcomes)
         return conclude(self._twin, self._train, outcomes, self._left_out, interrupted, self.findings, self._causes)
 
 

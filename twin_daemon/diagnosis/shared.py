@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Self
 
 import numpy as np
 
@@ -162,8 +163,8 @@ class SharedSearch(SharedFit):
                 return False
         return True
 
-    def _held_to(self, begun: Begun, seed: int) -> _Held:
-        found, slopes, there = self.settled(begun)
+    def _held_to(self, settled: tuple[Begun, np.ndarray, Self], seed: int) -> _Held:
+        found, slopes, there = settled
         looked_at = there.beside(found.cause, found.values)
         squares = passing(self._above, looked_at, seed)
         fitted = not any(part.nominal for _, part in self._above)
@@ -203,8 +204,10 @@ class SharedSearch(SharedFit):
             finalists.append(sorted(fitted, key=lambda fit: fit.cost))
         return finalists
 
-    def _most_promising(self, finalists: Sequence[Sequence[Begun]]) -> tuple[Sequence[Begun], Begun, list[Begun]]:
-        """(the best cause, in its forms, it as it is held against the others, these and it).
+    def _most_promising(
+        self, finalists: Sequence[Sequence[Begun]]
+    ) -> tuple[Sequence[Begun], list[Begun], tuple[Begun, np.ndarray, Self] | None]:
+        """(the best cause, in its forms; all of them as they are held against each other; it where it is settled).
 
         Of several that come as far, and not to the floor, it is the best once they are settled: far from where a cause
         has come to, what nuisances can do to first order does not say which of them is right.
@@ -212,29 +215,29 @@ class SharedSearch(SharedFit):
         fits = [forms[0] for forms in finalists]
         best = min(range(len(fits)), key=lambda i: fits[i].cost)
         near = [i for i, fit in enumerate(fits) if fit.cost <= COMPARABLE * fits[best].cost and self._helps_most(fit)]
-        floor = FLOOR_CHI_SQUARE * sum(group.floor_cost for group in self._groups)
-        if len(near) > 1 and fits[best].cost > floor and len(fits[best].cause.parts) == 1:
-            for i in near:
-                fits[i] = self.settled(fits[i])[0]
-            best = min(near, key=lambda i: fits[i].cost)
-        return finalists[best], fits[best], fits
+        floor = FLOOR_CHI_SQUARE * self._floor_cost
+        if len(near) < 2 or fits[best].cost <= floor or len(fits[best].cause.parts) > 1:
+            return finalists[best], fits, None
+        settled = {i: self.settled(fits[i]) for i in near}
+        best = min(settled, key=lambda i: settled[i][0].cost)
+        fits = [settled[i][0] if i in settled else fit for i, fit in enumerate(fits)]
+        return finalists[best], fits, settled[best]
 
     def _accepted(
         self, finalists: Sequence[Sequence[Begun]], causes: Sequence[SharedCause], seed: int, most_left: float
     ) -> Shared | None:
         if not finalists:
             return None
-        forms, told, fits = self._most_promising(finalists)
+        forms, fits, settled = self._most_promising(finalists)
         best = forms[0]
-        nothing = float(self._nothing @ self._nothing)
-        if best.cost > most_left * nothing + sum(group.floor_cost for group in self._groups):
+        if best.cost > most_left * self._cost_without + self._floor_cost:
             return None
         if not self._helps_most(best):
             return None
-        held = self._held_to(best, seed)
+        held = self._held_to(settled or self.settled(best), seed)
         if len(forms) > 1 and not held.passes and held.helped:
             # where joints differ in how much they have, its form shows only when each has its own share
-            held = self._held_to(forms[1], seed)
+            held = self._held_to(self.settled(forms[1]), seed)
         found, slopes, there = held.found, held.slopes, held.there
         cause, values = found.cause, found.values
         above, looked_at, squares = self._above, held.looked_at, held.squares
@@ -256,7 +259,7 @@ class SharedSearch(SharedFit):
         both = zip(above, looked_at, strict=True)
         if any(old.nominal for _, old in above):
             # over what the uncertain values could do instead, which nobody has fitted: on what was searched
-            evidence = 0.5 * (nothing - found.cost)
+            evidence = 0.5 * (self._cost_without - found.cost)
         else:
             by_group = [0.5 * (_least_cost(old) - _least_cost(new)) for (_, old), (_, new) in both]
             evidence = sum(by_group)
@@ -264,7 +267,7 @@ class SharedSearch(SharedFit):
                 return None  # what some have, and others do better without, is theirs alone
         if evidence < DECISIVE_NATS:
             return None
-        among = _told_apart(told, fits, nothing)
+        told = _told_apart(settled[0] if settled else best, fits, self._cost_without)
         joints = tuple(dict.fromkeys(joint for reduced, _ in self._above for joint in reduced.joints))
         estimates = there.estimates(found, slopes)
         moved = {name: value for _, part in looked_at for name, value in part.base.moved.items()}
@@ -285,9 +288,9 @@ class SharedSearch(SharedFit):
                 probability=shares[part.name],
                 explanation=part.effect.story.explanation,
             )
-            for part, (ties, shares) in zip(cause.parts, among, strict=True)
+            for part, (ties, shares) in zip(cause.parts, told, strict=True)
         )
-        return Shared(findings, tuple(shares for _, shares in among), cause.terms(self._twin, values), looked_at)
+        return Shared(findings, tuple(shares for _, shares in told), cause.terms(self._twin, values), looked_at)
 
 
 def _told_apart(best: Begun, fits: Sequence[Begun], nothing: float) -> list[tuple[tuple[str, ...], dict[str, float]]]:

@@ -82,17 +82,24 @@ class SharedFit:
         return np.flatnonzero(concurrently(lambda group: group.above(floors), self._groups)).tolist()
 
     @property
+    def _cost_without(self) -> float:
+        """What all groups leave without any cause."""
+        return float(self._nothing @ self._nothing)
+
+    @property
+    def _floor_cost(self) -> float:
+        """What the floors of all groups come to."""
+        return sum(group.floor_cost for group in self._groups)
+
+    @property
     def _most_cost(self) -> float:
         """What a cause may leave of all rows and still take its share of what is above the floor from most groups."""
         above = sorted(float(group.rows @ group.rows) - group.floor_cost for group in self._groups)
-        return float(self._nothing @ self._nothing) - SHARED_TAKEN * sum(
-            max(one, 0.0) for one in above[: len(above) // 2 + 1]
-        )
+        return self._cost_without - SHARED_TAKEN * sum(max(one, 0.0) for one in above[: len(above) // 2 + 1])
 
     def _takes_all(self, begun: Begun) -> bool:
         """Whether a cause leaves of what is above the floor no more than a right law does."""
-        floor, nothing = sum(group.floor_cost for group in self._groups), float(self._nothing @ self._nothing)
-        return begun.cost - floor <= RELATIVE_ERROR * (nothing - floor)
+        return begun.cost - self._floor_cost <= RELATIVE_ERROR * (self._cost_without - self._floor_cost)
 
     def _helps_most(self, begun: Begun) -> bool:
         """Whether a cause takes its share of what is above the floor from most groups, or brings them to it."""
@@ -156,7 +163,7 @@ class SharedFit:
 
     def estimates(self, found: Begun, slopes: np.ndarray) -> dict[str, Estimate]:
         """A fitted cause's values with their intervals, from the slopes (m, q) of the rows."""
-        samples = sum(group.floor_cost for group in self._groups)
+        samples = self._floor_cost
         fitted = slopes.shape[1] + sum(len(part.variables) for _, part in self._above)
         inflated = inflation(found.cost / samples, samples, fitted)
         return found.cause.estimates(self._twin, found.values, slopes, inflated)

@@ -72,9 +72,10 @@ class UnitSearch:
         if begins and len(unit) > 1 and any(begins.target in reduced.joints for reduced, _ in unit):
             self._begun_with(begins, unit)
             return
-        twin, left, begins = self.twin, list(unit), None
+        twin, left = self.twin, list(unit)
         first: Outcome | None = None
-        while len(left) > 1 and not begins:
+        beside: EffectTerm | None = None
+        while len(left) > 1:
             left.sort(key=_how_bad)
             reduced, part = left[0]
             search = self._search(part, reduced)
@@ -82,7 +83,7 @@ class UnitSearch:
             others = self._beside(twin, begun, left)[-1] if others is None else others
             if _has_its_own(others, left[1:]):
                 first = begun.outcome
-                begins = first.accepted[-1].term
+                beside = first.accepted[-1].term
                 break
             outcome = self._ended(twin, search, begun)
             most = self._one_each and _takes_most(outcome, left)
@@ -103,8 +104,8 @@ class UnitSearch:
         if len(left) == 1:
             reduced, part = left[0]
             begun, _ = self._asked.pop(part.joints, (None, None))
-            self.outcomes.append(self._ended(twin, replace(self._search(part, reduced), begins=begins), begun))
-        elif left and (found := self._together(twin, left, first, begins)) is not None:
+            self.outcomes.append(self._ended(twin, self._search(part, reduced), begun))
+        elif left and (found := self._together(twin, left, first, beside)) is not None:
             self.outcomes.append(found)
 
     def _begun_with(self, begins: EffectTerm, unit: Sequence[tuple[Reduced, PartFit]]) -> None:
@@ -116,7 +117,11 @@ class UnitSearch:
         if together.unfinished or together.explains or (self._one_each and together.accepted):
             self.outcomes.append(together)
             return
-        self.search(unit)
+        try:
+            self.search(unit)
+        except (KeyboardInterrupt, OutOfTime):
+            self.outcomes[before:] = [replace(together, unfinished=True)]
+            raise
         others = self.outcomes[before:]
         explained = all(one.explains or one.within_floor for one in others)
         if not explained and together.left <= max(one.left for one in others):
