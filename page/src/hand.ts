@@ -12,7 +12,7 @@ import { colour, live, on, onTheme, select, selection } from "./state";
 
 CameraControls.install({ THREE: three });
 const STEPS_MRAD = [2, 10, 50], WORDS = ["below 2 mrad", "2 to 10 mrad", "10 to 50 mrad", "50 mrad or more"];
-const CHUNK_S = 2, RATE = 30, MOST_CHUNKS = 8;
+const CHUNK_S = 2, RATE = 30, MOST_CHUNKS = 8, WORDS_EVERY_MS = 250;
 
 const words = made("p", { id: "space-words", className: "hint" }, "No residual is known yet.");
 const canvas = made("canvas", { id: "space", tabIndex: 0, role: "img", "aria-label": "The measured hand, its links coloured by the residual of the joints that turn them, and the predicted hand, translucent. Arrow keys turn them, plus and minus zoom, 0 shows all." });
@@ -26,7 +26,7 @@ interface Stage {
   renderer: three.WebGLRenderer; scene: three.Scene; camera: three.PerspectiveCamera; controls: CameraControls; hands: three.Group[][];
   meshes: three.Mesh[]; joints: number[][]; wanted: boolean; placed: boolean; version: string;
 }
-let fineness = 1, unable = false, stage: Stage | null = null, residuals: (number | null)[] = [], frames = 0, loading = "";
+let fineness = 1, faces = 1, unable = false, stage: Stage | null = null, residuals: (number | null)[] = [], frames = 0, saidAt = 0, loading = "";
 
 async function build(): Promise<void> {
   const version = facts.own ? selection.version || "nominal" : "nominal";
@@ -42,6 +42,7 @@ async function build(): Promise<void> {
     put(words, "This browser draws nothing in space (no WebGL); everything else works without it.");
     return;
   }
+  if (drawing === "software") faces = 0.65;
   const renderer = new three.WebGLRenderer({ canvas, antialias: drawing !== "software", alpha: true, powerPreference: "low-power" });
   const scene = new three.Scene(), camera = new three.PerspectiveCamera(32, 1, 0.01, 20);
   camera.up.set(0, 0, 1);
@@ -60,7 +61,7 @@ async function build(): Promise<void> {
   requestAnimationFrame(tick);
 }
 
-// Whether there is no graphics card: then fewer points are drawn, and edges are left as they are.
+// Whether there is no graphics card: then fewer points and faces are drawn, and edges are left as they are.
 function drawsInSpace(): "card" | "software" | null {
   const probe = document.createElement("canvas").getContext("webgl2");
   if (!probe) return null;
@@ -73,7 +74,7 @@ function drawsInSpace(): "card" | "software" | null {
 function populate(on_: Stage, described: Described, version: string): void {
   for (const group of on_.hands.flat()) on_.scene.remove(group);
   Object.assign(on_, { joints: described.joints, meshes: [], version });
-  const shapes = geometries(described);
+  const shapes = geometries(described, faces);
   on_.hands = [false, true].map((ghost) => {
     const bodies = Array.from({ length: described.bodies }, () => new three.Group());
     shapes.forEach((shape, body) => {
@@ -116,8 +117,10 @@ function paint(): void {
       look.emissive.copy(ghost).multiplyScalar(!hand && stage!.joints[body].includes(chosen) ? 0.25 : 0);
     }
   }));
-  put(words, worst.name ? `Largest now: ${short(worst.name)}, ${milli(worst.residual)} mrad (${WORDS[step(worst.residual)]}).` : "No residual is known yet.");
   stage.wanted = true;
+  if (live() && performance.now() - saidAt < WORDS_EVERY_MS) return; // nobody reads thirty sentences a second
+  saidAt = performance.now();
+  put(words, worst.name ? `Largest now: ${short(worst.name)}, ${milli(worst.residual)} mrad (${WORDS[step(worst.residual)]}).` : "No residual is known yet.");
 }
 
 function pose(both: ArrayLike<number>[]): void {

@@ -61,7 +61,8 @@ def read_topics(reader: BagReader | ChunkedBag, typestore: Typestore, *, ros1: b
     measured_topic, others = _measured_topic(usable)
     notes = [f"measured: {measured_topic}; not used: {', '.join(others)}"] if others else []
     dropped: Counter[str] = Counter()
-    joint_states = JointStateReader(typestore, ros1=ros1, dropped=dropped)
+    announced = sum(c.msgcount for c in usable if (c.topic, c.msgtype) == (measured_topic, JOINT_STATE))
+    joint_states = JointStateReader(typestore, ros1=ros1, dropped=dropped, expected=announced)
     source = _command_source(usable, measured_topic, typestore, ros1)
 
     def feed_of(connection: Connection) -> Feed | None:

@@ -62,13 +62,19 @@ class _Message:
 
 
 class JointStateReader:
-    """Collects the joint states of one topic. Bytes go in with `feed`, rows come out of `finish`."""
+    """Collects the joint states of one topic. Bytes go in with `feed`, rows come out of `finish`.
 
-    def __init__(self, typestore: Typestore, *, ros1: bool, dropped: Counter[str], fast: bool = True) -> None:
+    `expected` is how many messages are announced; nothing depends on its truth but time.
+    """
+
+    def __init__(
+        self, typestore: Typestore, *, ros1: bool, dropped: Counter[str], fast: bool = True, expected: int = 0
+    ) -> None:
         self._typestore = typestore
         self._ros1 = ros1
         self._dropped = dropped
         self._fast = fast
+        self._expected = expected
         self._layouts: dict[int, list[_Layout]] = {}  # by size of the message
         self._known_layouts = 0
         self._rows: dict[tuple[tuple[str, ...], bool, bool], Rows] = {}
@@ -143,7 +149,10 @@ class JointStateReader:
         rows = None
         if refused is None:
             key = (message.names, has_velocity, has_effort)
-            rows = self._rows.setdefault(key, Rows(message.names, velocity=has_velocity, effort=has_effort))
+            if key not in self._rows:
+                room = 0 if self._rows else self._expected  # nearly always all messages are of one kind
+                self._rows[key] = Rows(message.names, velocity=has_velocity, effort=has_effort, expected=room)
+            rows = self._rows[key]
             self._first[key] = min(order, self._first.get(key, order))
             rows.add(message.stamp_ns, received_ns, order, message.position, message.velocity, message.effort)
         self._count(refused, ignored, 1)

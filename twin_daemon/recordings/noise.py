@@ -22,17 +22,17 @@ def noise_variance(values: np.ndarray) -> float:
     least.
     """
     values = values[np.isfinite(values)]
+    count = resolution(values)
     if values.size < 32:
-        return resolution(values) ** 2 / 12.0
-    return min(_by_differences(values, order) for order in _ORDERS)
+        return count**2 / 12.0
+    return min(_by_differences(values, order, count) for order in _ORDERS)
 
 
-def _by_differences(values: np.ndarray, order: int) -> float:
-    """rad^2 from the differences of one order of samples (n,)."""
+def _by_differences(values: np.ndarray, order: int, count: float) -> float:
+    """rad^2 from the differences of one order of samples (n,) of a sensor that counts in steps of `count` rad."""
     squares = np.diff(values, n=order) ** 2 / math.comb(2 * order, order)
     edges = np.linspace(0, squares.size, max(8, squares.size // 25) + 1).astype(int)
     blocks = np.add.reduceat(squares, edges[:-1]) / np.diff(edges)
-    count = resolution(values)
     if count > 0.0:
         beside = values[order // 2 : len(values) - (order + 1) // 2]
         travel = np.maximum.reduceat(beside, edges[:-1]) - np.minimum.reduceat(beside, edges[:-1])

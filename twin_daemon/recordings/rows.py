@@ -23,10 +23,16 @@ class Block:
 
 
 class _Growing:
-    """Rows (n, k) float64 in one piece of memory that grows in place: no number is ever held or copied twice."""
+    """Rows (n, k) float64 in one piece of memory that grows in place: no number is ever held or copied twice.
 
-    def __init__(self, columns: int) -> None:
-        self._array = np.empty((0, columns))
+    Room for the rows that are `expected` is not touched before they come; growing touches all that it adds.
+    """
+
+    def __init__(self, columns: int, expected: int) -> None:
+        try:
+            self._array = np.empty((expected, columns))
+        except (MemoryError, ValueError):  # a file may announce what no machine can hold
+            self._array = np.empty((0, columns))
         self._length = 0
 
     def extend(self, rows: np.ndarray) -> None:
@@ -47,11 +53,13 @@ class _Growing:
 class Rows:
     """The samples of one kind of message: the same joints in the same order, with or without velocity and effort."""
 
-    def __init__(self, names: Sequence[str], *, velocity: bool = False, effort: bool = False) -> None:
+    def __init__(
+        self, names: Sequence[str], *, velocity: bool = False, effort: bool = False, expected: int = 0
+    ) -> None:
         self.names = tuple(names)
         present = {"position": True, "velocity": velocity, "effort": effort}
         self._stamps: list[np.ndarray] = []  # (3, n): stamp, receive time, order of arrival
-        self._values = {key: _Growing(len(self.names)) for key, here in present.items() if here}
+        self._values = {key: _Growing(len(self.names), expected) for key, here in present.items() if here}
         self._loose_stamps: list[tuple[int, int, int]] = []
         self._loose: dict[str, list[Sequence[float] | np.ndarray]] = {key: [] for key in self._values}
 

@@ -18,6 +18,7 @@ _ORDER = 4  # of the difference that nothing of a smooth motion is left of
 _AROUND = 50  # samples to either side that any clock runs evenly over
 _CHANCE = 2.0  # times what independent offsets give, of a mean of squares of a few dozen
 _JITTER = 0.3  # of a period: stamps that are further off keep no clock
+_COUNTED_S = 1e-9  # what stamps count in: what they are off by less is their rounding
 _BESIDE = 10  # samples that say whether a long interval is a missing sample or a late stamp
 _SPEED_S = 0.01  # over which a speed is read, but over no fewer than three samples
 _SPEED_KNOWN = 0.02  # of the squared speed may be the sensor's noise, which makes any share look smaller
@@ -45,7 +46,7 @@ def sample_times(stamp_s: np.ndarray, position: np.ndarray) -> SampleTimes:
     number = _numbered(stamp_s)
     offset, averaged = _off_the_clock(stamp_s, number)
     jitter = float(offset.std())
-    if not 0.0 < jitter < _JITTER * float(np.median(np.diff(stamp_s))):
+    if not _COUNTED_S < jitter < _JITTER * float(np.median(np.diff(stamp_s))):
         return as_stamped
     share, sigma = _share(stamp_s - offset, number, offset, position)
     if not sigma < _KNOWN_TO:

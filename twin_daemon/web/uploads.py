@@ -27,7 +27,7 @@ from twin_daemon.web.app import posting
 from twin_daemon.web.library import SUFFIXES, Library
 from twin_daemon.web.model_cache import ModelCache
 
-PIECE_BYTES = 4 * 1024 * 1024
+PIECE_BYTES = 16 * 1024 * 1024
 """What one request may bring."""
 MOST_MB = 4096
 """What one recording may have where nothing else is said."""
