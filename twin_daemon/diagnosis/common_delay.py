@@ -54,16 +54,34 @@ def common_delay(parts: Sequence[PartFit]) -> CommonDelay | None:
     """
     if len(parts) < 2:  # what one says is later than nothing, and costs a derivative
         return None
+    said = _said_by_all(list(enumerate(parts)))
+    _, late = _later(said)
+    if not late:
+        return None
+    # a joint that sticks may have come to rest at another delay, in a hollow as deep as the time step's error
+    anew = [(number, _thoroughly(parts[number])) for number in sorted(late)]
+    for sha256, each in _said_by_all(anew).items():
+        said[sha256] = [*(one for one in said[sha256] if one.number not in late), *each]
+    common, late = _later(said)
+    return CommonDelay(common, tuple(parts[number] for number in sorted(late))) if late else None
+
+
+def _later(said: Mapping[str, Sequence[_Said]]) -> tuple[dict[str, tuple[float, float]], set[int]]:
+    """(the delay that most parts have in common with its sigma, s by sha256; which of them are later)."""
     common: dict[str, tuple[float, float]] = {}
     late: set[int] = set()
-    for sha256, each in _said_by_all(parts).items():
+    for sha256, each in said.items():
         agreeing = _agreeing(each)
         if not agreeing or len(agreeing) < min(2, len(each) - 1) or 2 * len(agreeing) < len(each):
             continue
         mean, sigma = _mean(agreeing)
         common[sha256] = mean, float(np.hypot(sigma, agreeing[0].rounded_s))
         late |= {one.number for one in each if one.later_than(mean, sigma) > DEVIATING_SIGMA}
-    return CommonDelay(common, tuple(parts[number] for number in sorted(late))) if late else None
+    return common, late
+
+
+def _thoroughly(part: PartFit) -> PartFit:
+    return PartFit(part.twin, part.recordings, part.joints, thoroughly=True, begun=part)
 
 
 def within_a_cycle(parts: Sequence[PartFit]) -> dict[str, tuple[float, float]] | None:
@@ -72,7 +90,7 @@ def within_a_cycle(parts: Sequence[PartFit]) -> dict[str, tuple[float, float]] |
     None where they do not, or where that is later than a cycle of the robot explains.
     """
     common: dict[str, tuple[float, float]] = {}
-    for sha256, each in _said_by_all(parts).items():
+    for sha256, each in _said_by_all(list(enumerate(parts))).items():
         mean, sigma = _mean(each)
         if len(_agreeing(each)) < len(parts) or abs(mean) > COMMON_DELAY_SIGMA * each[0].known_to_s:
             return None
@@ -80,10 +98,10 @@ def within_a_cycle(parts: Sequence[PartFit]) -> dict[str, tuple[float, float]] |
     return common or None
 
 
-def _said_by_all(parts: Sequence[PartFit]) -> dict[str, list[_Said]]:
-    """By recording what each part says of its delay."""
+def _said_by_all(parts: Sequence[tuple[int, PartFit]]) -> dict[str, list[_Said]]:
+    """By recording what each part says of its delay, with its number."""
     said: dict[str, list[_Said]] = defaultdict(list)
-    for found in concurrently(_said_by, list(enumerate(parts))):
+    for found in concurrently(_said_by, parts):
         for sha256, one in found.items():
             said[sha256].append(one)
     return said

@@ -25,6 +25,7 @@ from twin_daemon.diagnosis.thresholds import (
     MOST_OF_EXCESS,
     NUISANCE_ROLLOUTS,
     SETTLED,
+    STEP_ERROR_ROUNDS,
     SURE_FLOOR_SIGMA,
     SUSPECT_SIGMA,
 )
@@ -111,12 +112,8 @@ class PartFit:
         """From where they were beside the last effect; where that ends badly, from nominal values as well."""
         problem = self.problem
         if after is None:
-            found = self._settled(problem.start, None)
-            if not self._is_within_floor(found.point, found.rows):
-                # the time step's error is another one where the nuisances have come to
-                self.corrections = problem.corrections_at(found.point)
-                self.problem = problem = problem.corrected(self.corrections)
-                found = self._settled(found.point, found.slopes)
+            found = self._where_the_step_errs(self._settled(problem.start, None))
+            problem = self.problem
             if not self._is_within_floor(found.point, found.rows):
                 found = self._along_delays(found)
             return as_fit(None, problem, self._no_further_than_needed(found))
@@ -125,6 +122,26 @@ class PartFit:
             again = self._settled(problem.start, None)
             found = min(found, again, key=lambda one: float(one.rows @ one.rows))
         return as_fit(None, problem, found)
+
+    def _where_the_step_errs(self, found: Descent) -> Descent:
+        """The nuisances settled with the time step's error as it is where they have come to.
+
+        Joints that stick go through hollows as deep as that error: it may be another one after each step. Where far
+        more than a floor is left, it is not what keeps the nuisances from it.
+        """
+        for again in range(STEP_ERROR_ROUNDS):
+            if self._enough and self._enough(found.point, found.rows):
+                break
+            if again and (self.problem.times_floor(found.point) > ADEQUATE_FLOORS).any():
+                break
+            cost = float(found.rows @ found.rows)
+            self.corrections = self.problem.corrections_at(found.point)
+            self.problem = self.problem.corrected(self.corrections)
+            rows = self.problem.residuals(found.point[None])[0]
+            if again and abs(float(rows @ rows) - cost) < (1.0 - SETTLED) * cost:
+                return replace(found, rows=rows)
+            found = self._settled(found.point, found.slopes)
+        return found
 
     def _along_delays(self, found: Descent) -> Descent:
         """The nuisances descended from other delays as well, with what makes up for these gone along.

@@ -31,6 +31,7 @@ RACE_ROLLOUTS = (
 LEAST_RACING = Count(5, "candidates", "that a race leaves, fitted until they have settled")
 FULL_FIT_ROLLOUTS = Count(12, "roll-outs", "of a finalist's fit on all motion beside those of its derivatives")
 NUISANCE_ROLLOUTS = Count(12, "roll-outs", "of a round of the nuisances beside those of its derivatives")
+STEP_ERROR_ROUNDS = Count(3, "times", "a group's values are settled with the time step's error where they have come to")
 SETTLED = Threshold(0.95, "1", "of the cost before: a round that gains less is the last")
 GONE_FAR = Threshold(0.8, "1", "of its first cost: a descent that has come below it is taken up again")
 REFIT_ROUNDS = Count(6, "rounds", "of the fit of one named effect, with new derivatives each")
