@@ -59,7 +59,8 @@ def common_delay(parts: Sequence[PartFit]) -> CommonDelay | None:
     if not late:
         return None
     # a joint that sticks may have come to rest at another delay, in a hollow as deep as the time step's error
-    anew = [(number, _thoroughly(parts[number])) for number in sorted(late)]
+    numbers = sorted(late)
+    anew = list(zip(numbers, concurrently(_thoroughly, [parts[number] for number in numbers]), strict=True))
     for sha256, each in _said_by_all(anew).items():
         said[sha256] = [*(one for one in said[sha256] if one.number not in late), *each]
     common, late = _later(said)
