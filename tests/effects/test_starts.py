@@ -115,3 +115,17 @@ def test_a_ripples_waves_are_read_off_a_servo_that_is_too_slow_to_show_them(peri
     assert best["periods"] == pytest.approx(periods, abs=0.1)
     assert 1.0 < best["amplitude"] < 3.0
     assert np.cos(best["phase"] - 1.0) > 0.95
+
+
+@pytest.mark.parametrize("key", sorted(LIBRARY))
+@given(decades=st.floats(-3.0, 3.0))
+def test_a_robot_of_any_strength_has_room_about_its_starts(key: str, decades: float) -> None:
+    """A finger of 9 g has a servo of 0.006 N m/rad: what bends at it is a hundred times softer than at a hand."""
+    strong = {name: 10.0**decades * getattr(SCALE, name) for name in ("kp", "force_nm", "damping", "frictionloss")}
+    heavy = {name: 10.0**decades * getattr(SCALE, name) for name in ("inertia", "armature")}
+    scale = replace(SCALE, **strong, **heavy)
+    effect = LIBRARY[key]
+    bounds = effect.bounds(scale)
+    for start in effect.starts(scale):
+        for name, value in effect.complete(start).items():
+            assert bounds[name][0] <= value <= bounds[name][1], name

@@ -99,6 +99,8 @@ class Outcome:
     tried: list[Trial] = field(default_factory=list)
     others: list[Accepted] = field(default_factory=list)
     """What helps as well, if less or not on held-out motion: beside a second effect one of these may be right."""
+    neutral: Fit | None = None
+    """A fit that is better by none of its effect: what is uncertain about the part was not at its best without it."""
     left: float = 0.0
     within_floor: bool = False
     unfinished: bool = False

@@ -19,6 +19,7 @@ from twin_daemon.diagnosis.selection import next_effect
 from twin_daemon.diagnosis.thresholds import (
     ADEQUATE_FLOORS,
     COMPARABLE,
+    DECISIVE_NATS,
     DEVIATING_SIGMA,
     FINALISTS,
     FULL_FIT_ROLLOUTS,
@@ -152,9 +153,21 @@ class PartSearch:
                 break
         return found
 
-    def _nothing_yet(self) -> Progress:
+    def questioned(self, better: Fit) -> PartSearch | None:
+        """The search of the same part with its nuisances from where a fit has them; None where they end no lower."""
+        part = PartFit(self.part.twin, self.part.recordings, self.part.joints, after=better)
+        lower = part.base.cost < self.part.base.cost - 2.0 * DECISIVE_NATS
+        return replace(self, part=part) if lower else None
+
+    def as_it_is(self) -> Outcome:
+        """What the part says without any effect."""
         outcome = begun_outcome(self.reduced, self.part)
         outcome.left = self.validation.judge(self.part.base).adequacy
+        outcome.within_floor = self.part.within_floor and not outcome.deviating and outcome.left <= 1.0
+        return outcome
+
+    def _nothing_yet(self) -> Progress:
+        outcome = replace(self.as_it_is(), within_floor=False)
         return Progress(outcome, self.part, self.validation, self.part.times_floor)
 
     def _further(

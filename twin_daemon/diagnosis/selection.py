@@ -154,6 +154,7 @@ def _told_apart(
             reason = "adds less evidence than its parameters cost"
         elif not stands_out(fit):
             reason = "its value may as well be that of the model without it"
+            outcome.neutral = outcome.neutral or fit
         elif (unforced or (judged.silent and not judged.passes)) and not part.takes_enough(fit):
             reason = TAKES_LITTLE
         elif not judged.passes and not judged.silent:

@@ -197,12 +197,15 @@ class SharedSearch(SharedFit):
         """The causes that begin best, fitted, each in its forms."""
         begun = [forms for forms in concurrently(lambda cause: self.begun(cause), causes) if forms]
         begun.sort(key=lambda forms: forms[0].cost)
-        finalists: list[list[Begun]] = []
-        for forms in begun[:SHARED_FINALISTS]:
-            least = min((forms[0].cost for forms in finalists), default=np.inf)
-            fitted = [self.fitted(one, COMPARABLE * least)[0] for one in forms]
-            finalists.append(sorted(fitted, key=lambda fit: fit.cost))
-        return finalists
+        if not begun:
+            return []
+        best, *others = begun[:SHARED_FINALISTS]
+        first = self._in_its_forms(best)
+        return [first, *concurrently(lambda forms: self._in_its_forms(forms, COMPARABLE * first[0].cost), others)]
+
+    def _in_its_forms(self, forms: Sequence[Begun], reach: float = np.inf) -> list[Begun]:
+        """A cause fitted in each of its forms, the best first."""
+        return sorted((self.fitted(one, reach)[0] for one in forms), key=lambda fit: fit.cost)
 
     def _most_promising(
         self, finalists: Sequence[Sequence[Begun]]

@@ -255,6 +255,12 @@ class UnitSearch:
                 self.say("  once more, the whole robot moving as what was found says")
                 search = replace(search, part=nearer[1], reduced=nearer[0])
                 outcome = search.outcome()
+            nothing = not (outcome.accepted or outcome.unfinished)
+            if nothing and outcome.neutral and (again := search.questioned(outcome.neutral)):
+                self.say("  once more, as what is uncertain was not at its best without an effect")
+                search, part = again, again.part
+                outcome = search.as_it_is()
+                outcome = outcome if outcome.within_floor else search.outcome()
             sound = part.within_floor and not (outcome.accepted or outcome.deviating or outcome.unfinished)
             if sound and outcome.left > 1.0:
                 # it was looked at again for what the fitted motion leaves, and nothing takes that away

@@ -9,7 +9,7 @@ import numpy as np
 
 from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
 
-_UNLIMITED = 1000.0
+_UNLIMITED = 1e6
 _STARTS = 6  # each at most twice the next, where a servo has ten times what it needs
 
 

@@ -213,7 +213,8 @@ class Reach:
 class Parameter:
     """One number of an effect. At `neutral` the effect changes nothing; `default` is a typical visible value.
 
-    `lower` and `upper` are its bounds on a small robot; with `reach` they are wider where the robot is stronger.
+    `lower` and `upper` are its bounds on a small robot; with `reach` they are wider where the robot is stronger, and
+    a logarithmic one is looked for over as many decades where it is weaker.
     `held` says that fits stay near where it is set: it counts something, and an error has many hollows over it.
     `fixed` says that fits leave it as it is set: it says which of several laws it is.
     """
@@ -231,11 +232,14 @@ class Parameter:
     reach: Reach | None = None
 
     def bounds(self, scale: Scale) -> tuple[float, float]:
-        """Where it is looked for at a place, in its unit: wider on a strong robot, and never beyond its limits."""
+        """Where it is looked for at a place, in its unit: as strong and weak as that is, and within its limits."""
         if self.reach is None:
             return self.lower, self.upper
         far, (least, most) = self.reach.at(scale), self.limits
-        lower = max(min(self.lower, -far), least) if self.lower < 0.0 else self.lower
+        if self.lower < 0.0:
+            lower = max(min(self.lower, -far), least)
+        else:
+            lower = max(min(self.lower, far * self.lower / self.upper), least) if self.log else self.lower
         return lower, min(max(self.upper, far), most)
 
     @property
@@ -243,7 +247,8 @@ class Parameter:
         """What is accepted at all: beyond it no robot has such a value."""
         if self.reach is None:
             return self.lower, self.upper
-        return (_FAR * self.lower if self.lower < 0.0 else self.lower), _FAR * self.upper
+        lower = self.lower / _FAR if self.log else min(_FAR * self.lower, self.lower)
+        return lower, _FAR * self.upper
 
 
 @dataclass(frozen=True)

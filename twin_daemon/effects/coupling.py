@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
+from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Story
 from twin_daemon.effects.edits import add_joint_tendon, add_to_linear
 
 _SLACK = 1e-8  # N m/rad: the weakest spring that can still hold a preload
@@ -29,11 +29,42 @@ class Coupling(Effect):
     acts_on = "tendon"
     rank = 200
     parameters = (
-        Parameter("preload", "N m", -2.0, 2.0, 0.0, 0.5, "torque that holds the distal joint open"),
-        Parameter("spring_distal", "N m/rad", 0.0, 5.0, 0.0, 0.035, "spring that opens the distal joint"),
-        Parameter("spring_proximal", "N m/rad", 0.0, 5.0, 0.0, 0.055, "spring that opens the proximal joint"),
-        Parameter("friction_distal", "N m", 0.0, 2.0, 0.0, 0.03, "dry friction of the distal joint beside the model's"),
-        Parameter("friction_tendon", "N m", 0.0, 2.0, 0.0, 0.08, "dry friction along the tendon"),
+        Parameter(
+            "preload", "N m", -2.0, 2.0, 0.0, 0.5, "torque that holds the distal joint open", reach=Reach("kp", 0.5)
+        ),
+        Parameter(
+            "spring_distal",
+            "N m/rad",
+            0.0,
+            5.0,
+            0.0,
+            0.035,
+            "spring that opens the distal joint",
+            reach=Reach("kp", 1.0),
+        ),
+        Parameter(
+            "spring_proximal",
+            "N m/rad",
+            0.0,
+            5.0,
+            0.0,
+            0.055,
+            "spring that opens the proximal joint",
+            reach=Reach("kp", 1.0),
+        ),
+        Parameter(
+            "friction_distal",
+            "N m",
+            0.0,
+            2.0,
+            0.0,
+            0.03,
+            "dry friction of the distal joint beside the model's",
+            reach=Reach("kp", 0.5),
+        ),
+        Parameter(
+            "friction_tendon", "N m", 0.0, 2.0, 0.0, 0.08, "dry friction along the tendon", reach=Reach("kp", 0.5)
+        ),
         Parameter("stop", "rad", -0.5, 0.5, 0.0, 0.05, "how much later than in the model the proximal joint ends"),
         Parameter("stop_slope", "1", -0.5, 0.5, 0.0, 0.03, "how far that end moves by radian of the distal joint"),
         Parameter("rest_slope", "1", 0.0, 0.5, 0.0, 0.025, "how far the proximal joint takes the distal one along"),

@@ -23,7 +23,7 @@ class RateLimit(Effect):
     rank = 110
     excludes = ("actuator_lag",)
     parameters = (
-        Parameter("rate", "rad/s", 1e-2, _UNLIMITED, _UNLIMITED, 1.0, "fastest change of the set point", log=True),
+        Parameter("rate", "rad/s", 1e-5, _UNLIMITED, _UNLIMITED, 1.0, "fastest change of the set point", log=True),
     )
     story = Story(
         what="The set point follows the command no faster than a given speed.",

@@ -30,7 +30,7 @@ class StribeckFriction(Effect):
         Parameter(
             "breakaway", "N m", 0.0, 5.0, 0.0, 0.1, "friction at rest beside the model's own", reach=Reach("kp", 0.5)
         ),
-        Parameter("velocity", "rad/s", 1e-3, 100.0, 0.1, 0.1, "speed at which a third of it is left", log=True),
+        Parameter("velocity", "rad/s", 1e-5, 100.0, 0.1, 0.1, "speed at which a third of it is left", log=True),
     )
     story = Story(
         what="Dry friction that holds at rest and lets go once the joint moves.",

@@ -7,7 +7,7 @@ from typing import Any
 
 import mujoco
 
-from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
+from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Story
 from twin_daemon.effects.transmission import MOTOR_SHARE, implicit_spring, motor_side
 
 _RIGID = 1e5
@@ -24,7 +24,17 @@ class TendonElasticity(Effect):
     dissipative = True
     neutral_within_rad = 5e-4  # a rigid link is a very stiff one: see above
     parameters = (
-        Parameter("stiffness", "N m/rad", 0.1, _RIGID, _RIGID, 20.0, "stiffness between motor and joint", log=True),
+        Parameter(
+            "stiffness",
+            "N m/rad",
+            0.1,
+            _RIGID,
+            _RIGID,
+            20.0,
+            "stiffness between motor and joint",
+            log=True,
+            reach=Reach("kp", 1e4),
+        ),
         MOTOR_SHARE,
     )
     story = Story(
