@@ -20,7 +20,7 @@ const events = made("ul", { id: "events" });
 export const eventsPanel = made("div", { className: "panel" }, made("h3", {}, "Events of the daemon"), events);
 
 const strips = new Map<number, { canvas: HTMLCanvasElement; now: HTMLElement; figure: HTMLElement }>();
-let held = false, news = false, sorted = 0, before = 0, next = 0, said = 0, rounds: number[] = [], frames = 0;
+let held = false, news = false, waiting = 0, sorted = 0, before = 0, next = 0, said = 0, rounds: number[] = [], frames = 0;
 
 export function toggle(): void {
   held = !held;
@@ -60,17 +60,22 @@ function rows(): void {
 
 function tick(at: number): void {
   requestAnimationFrame(tick);
-  if (!news || held) return;
-  news = false;
-  if (panel.offsetParent !== null) inTurn(at);
+  const left = waiting > 0 && at - before >= EACH_MS; // nothing more has come since some were drawn
+  if (held || !(news || left)) return;
+  if (news) {
+    news = false;
+    waiting = strips.size;
+    frames += 1;
+    mark("frames", String(frames));
+  }
+  if (panel.offsetParent !== null) inTurn(at); else waiting = 0;
   before = at;
-  frames += 1;
-  mark("frames", String(frames));
 }
 
 // Some of them in each frame, so that no frame waits for all of them.
 function inTurn(at: number): void {
-  const all = [...strips], due = Math.ceil(all.length * Math.min((at - before) / EACH_MS, 1));
+  const all = [...strips], due = Math.min(waiting, Math.ceil(all.length * Math.min((at - before) / EACH_MS, 1)));
+  waiting -= due;
   for (let count = 0; count < due; count += 1) {
     next = (next + 1) % all.length;
     const [joint, strip] = all[next];

@@ -158,3 +158,15 @@ def test_repeating_messages_are_read_in_bulk(ros1: bool) -> None:
     assert stream is not None
     np.testing.assert_array_equal(stream.position[:, 0], np.arange(3000))
     assert len(seen) == 1
+
+
+@pytest.mark.parametrize("expected", [0, 7, 3000, 10**6, 2**62, -1])
+def test_what_a_file_announces_of_its_messages_changes_nothing(expected: int) -> None:
+    """Room is made for it where there is any; a number may be too small, too large for any machine, or none."""
+    counts: Counter[str] = Counter()
+    reader = JointStateReader(ROS2, ros1=False, dropped=counts, expected=expected)
+    for index in range(3000):
+        reader.feed(joint_state_bytes(JointState(START + index, JOINTS, (index, 1, 2, 3)), ros1=False), START)
+    stream = assemble(reader.finish(), counts)
+    assert stream is not None
+    np.testing.assert_array_equal(stream.position, [(index, 1, 2, 3) for index in range(3000)])

@@ -33,7 +33,7 @@ class TendonElasticity(Effect):
             20.0,
             "stiffness between motor and joint",
             log=True,
-            reach=Reach("kp", 1e4),
+            reach=Reach("kp", 1e4),  # the range above is that of a servo of 10 N m/rad
         ),
         MOTOR_SHARE,
     )
