@@ -16,6 +16,9 @@ _FAR = 10.0
 _CLEAR = 1.0  # rad: so far off is the joint's own end, where another limit stands in for it
 
 
+_PULL, _BEND = Reach("kp", 0.2), Reach("kp", 0.5)  # the ranges below are those of a servo of 10 N m/rad
+
+
 class Coupling(Effect):
     """The tendon sets the sum; who moves first is decided by what resists at either joint.
 
@@ -29,28 +32,10 @@ class Coupling(Effect):
     acts_on = "tendon"
     rank = 200
     parameters = (
+        Parameter("preload", "N m", -2.0, 2.0, 0.0, 0.5, "torque that holds the distal joint open", reach=_PULL),
+        Parameter("spring_distal", "N m/rad", 0.0, 5.0, 0.0, 0.035, "spring that opens the distal joint", reach=_BEND),
         Parameter(
-            "preload", "N m", -2.0, 2.0, 0.0, 0.5, "torque that holds the distal joint open", reach=Reach("kp", 0.5)
-        ),
-        Parameter(
-            "spring_distal",
-            "N m/rad",
-            0.0,
-            5.0,
-            0.0,
-            0.035,
-            "spring that opens the distal joint",
-            reach=Reach("kp", 1.0),
-        ),
-        Parameter(
-            "spring_proximal",
-            "N m/rad",
-            0.0,
-            5.0,
-            0.0,
-            0.055,
-            "spring that opens the proximal joint",
-            reach=Reach("kp", 1.0),
+            "spring_proximal", "N m/rad", 0.0, 5.0, 0.0, 0.055, "spring that opens the proximal joint", reach=_BEND
         ),
         Parameter(
             "friction_distal",
@@ -60,11 +45,9 @@ class Coupling(Effect):
             0.0,
             0.03,
             "dry friction of the distal joint beside the model's",
-            reach=Reach("kp", 0.5),
+            reach=_PULL,
         ),
-        Parameter(
-            "friction_tendon", "N m", 0.0, 2.0, 0.0, 0.08, "dry friction along the tendon", reach=Reach("kp", 0.5)
-        ),
+        Parameter("friction_tendon", "N m", 0.0, 2.0, 0.0, 0.08, "dry friction along the tendon", reach=_PULL),
         Parameter("stop", "rad", -0.5, 0.5, 0.0, 0.05, "how much later than in the model the proximal joint ends"),
         Parameter("stop_slope", "1", -0.5, 0.5, 0.0, 0.03, "how far that end moves by radian of the distal joint"),
         Parameter("rest_slope", "1", 0.0, 0.5, 0.0, 0.025, "how far the proximal joint takes the distal one along"),
