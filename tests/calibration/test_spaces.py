@@ -103,6 +103,21 @@ def test_an_effect_of_one_value_can_be_turned_without_having_been_added(tmp_path
     assert candidate.measurement.offset_rad["rh_FFJ3"] == pytest.approx(0.03)
 
 
+def test_what_a_gain_was_fitted_to_moves_no_range_of_an_effect(twin: TwinModel) -> None:
+    """A closing hardly shows the gain of a finger's tendon, so that a fit may end at fifty times it."""
+    term = EffectTerm(effect="coupling", target="rh_FFJ0", values={"friction_tendon": 3.0})  # above its range
+    split = twin.changed(twin.terms.with_effect(term))
+    stiff = split.changed(split.terms.with_parameters({"rh_FFJ0.kp": 500.0}))
+    space = load_space("with-effects")
+    ranges = [
+        {v.name: (v.lower, v.upper, v.start) for v in variables_of(space, one, MOVING) if v.name.startswith("coupling")}
+        for one in (split, stiff)
+    ]
+    assert ranges[0] == ranges[1]
+    assert ranges[0]["coupling:rh_FFJ0.preload"][:2] == (-2.0, 2.0)
+    assert ranges[0]["coupling:rh_FFJ0.friction_tendon"] == (0.0, 3.0, 3.0)
+
+
 def test_a_parameter_starts_where_the_model_has_it_before_its_effects(twin: TwinModel) -> None:
     # the coupling moves the range of the distal joint away to put a limit of its own in its place
     there = EffectTerm(effect="coupling", target="rh_FFJ0", values=LIBRARY["coupling"].complete({}))

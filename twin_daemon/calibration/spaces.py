@@ -23,6 +23,7 @@ from twin_daemon.estimation.variables import (
     effect_variable,
 )
 from twin_daemon.simulation.parameters import KINDS, ParameterKind
+from twin_daemon.simulation.terms import Terms
 from twin_daemon.simulation.twin import TwinModel
 from twin_daemon.yaml_files import load_yaml
 
@@ -126,18 +127,20 @@ def _of_effects(twin: TwinModel, moving: Sequence[str]) -> list[EffectVariable]:
     """A variable for each value of the twin's effects that act on joints that move.
 
     Effects of the whole hand stay as they are, and those that are one for all servos: they would tie all of its parts
-    into one search.
+    into one search. Their ranges are those of the model as it is described: a gain that the motion hardly shows may
+    have been fitted to fifty times that.
     """
-    variables = []
+    variables, described = [], twin.changed(Terms())
     for term in twin.terms.effects:
         joints = twin.joints_of(term.target)
         if set(joints) & set(moving) and not twin.terms.is_everywhere(term, twin.actuators, twin.joints):
-            bounds = LIBRARY[term.effect].bounds(twin.scale(term.target))
+            bounds = LIBRARY[term.effect].bounds(described.scale(term.target))
             for p in LIBRARY[term.effect].parameters:
                 lower, upper = bounds[p.name]
                 if lower < upper and not p.held and p.name != LIBRARY[term.effect].everywhere:
                     start = term.values.get(p.name, p.default)
-                    variables.append(effect_variable(term.effect, term.target, p, (lower, upper), start, joints))
+                    reach = min(lower, start), max(upper, start)
+                    variables.append(effect_variable(term.effect, term.target, p, reach, start, joints))
     return variables
 
 
