@@ -297,6 +297,19 @@ def test_a_stop_that_only_the_widest_motion_meets_is_looked_for_there(smooth: Tw
     assert min(abs(end - angle.max()) for end in ends) < 0.005
 
 
+def test_two_stops_are_looked_for_at_once(smooth: TwinModel) -> None:
+    """From one end alone a fit does not find the other: where that stop begins has no slope until it is entered."""
+    scale = smooth.scale("rh_FFJ3")
+    free = 0.75 + 0.55 * np.sin(np.linspace(0.0, 20.0, 4000))
+    first, last, stiffness = 0.45, 1.0, 0.5
+    inside = np.clip(free, first, last)
+    angle = inside + (free - inside) / (1.0 + stiffness)
+    best = LIBRARY["joint_stop"].suggested(scale, Seen(angle, np.zeros_like(angle), angle - free))[0]
+    assert scale.lower + best["lower"] == pytest.approx(first, abs=0.05)
+    assert scale.upper - best["upper"] == pytest.approx(last, abs=0.05)
+    assert best["stiffness"] == pytest.approx(stiffness * scale.kp, rel=0.15)
+
+
 def test_a_joint_that_hardly_travels_suggests_no_waves(smooth: TwinModel):
     angle = np.linspace(0.5, 0.6, 200)
     seen = Seen(angle, np.zeros_like(angle), np.sin(40.0 * angle))

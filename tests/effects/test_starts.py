@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from twin_daemon.diagnosis.candidates import Hypothesis
 from twin_daemon.effects import LIBRARY
 from twin_daemon.effects.base import Scale, Seen
 
@@ -129,3 +130,13 @@ def test_a_robot_of_any_strength_has_room_about_its_starts(key: str, decades: fl
     for start in effect.starts(scale):
         for name, value in effect.complete(start).items():
             assert bounds[name][0] <= value <= bounds[name][1], name
+
+
+@pytest.mark.parametrize("key", ["joint_stop", "nonlinear_spring", "torque_ripple"])
+def test_a_weaker_effect_is_where_the_stronger_one_was(key: str) -> None:
+    effect = LIBRARY[key]
+    hypothesis = Hypothesis(effect, "joint", (), effect.bounds(SCALE))
+    for start in effect.starts(SCALE):
+        weaker = hypothesis.along(start, 0.5)
+        strength = effect.parameters[0].name
+        assert weaker == start | {strength: 0.5 * start[strength]}

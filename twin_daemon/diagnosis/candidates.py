@@ -68,12 +68,12 @@ class Hypothesis:
         return max(lower, p.neutral - below), min(upper, p.neutral + above)
 
     def along(self, start: Mapping[str, float], amount: float) -> dict[str, float]:
-        """The values this far along the line from neutral to a start; logarithmic parameters stay as they are."""
+        """The values this far along the line from neutral to a start; places and logarithmic parameters stay."""
         amount = max(amount, LEAST_ALONG)
         values = {}
         for p in self.effect.parameters:
             far = start[p.name]
-            moved = far if p.log or p.held or p.fixed else p.neutral + amount * (far - p.neutral)
+            moved = far if p.log or p.held or p.fixed or p.place else p.neutral + amount * (far - p.neutral)
             values[p.name] = moved
         return self.clipped(values)
 

@@ -217,6 +217,7 @@ class Parameter:
     a logarithmic one is looked for over as many decades where it is weaker.
     `held` says that fits stay near where it is set: it counts something, and an error has many hollows over it.
     `fixed` says that fits leave it as it is set: it says which of several laws it is.
+    `place` says that it is the angle where something is: of half the strength the effect is at the same one.
     """
 
     name: str
@@ -229,6 +230,7 @@ class Parameter:
     log: bool = False
     held: bool = False
     fixed: bool = False
+    place: bool = False
     reach: Reach | None = None
 
     def bounds(self, scale: Scale) -> tuple[float, float]:

@@ -18,6 +18,13 @@ _RARE = np.array([0.005, 0.01, 0.02, 0.03])
 _BEGINNINGS = np.concatenate([_RARE, np.arange(0.05, 1.0, 0.05), 1.0 - _RARE[::-1]])
 
 
+_NONE = np.finfo(float).tiny
+
+
+def _end(name: str, default: float, meaning: str) -> Parameter:
+    return Parameter(name, "rad", -0.5, 3.0, 0.0, default, meaning, reach=_RANGE, place=True)
+
+
 class JointStop(Effect):
     """An elastic stop at one or both ends: a fixed tendon that is slack inside a band and a spring outside it."""
 
@@ -36,8 +43,8 @@ class JointStop(Effect):
             "stiffness of the stops; at 0 there are none",
             reach=Reach("kp", 100.0),
         ),
-        Parameter("upper", "rad", -0.5, 3.0, 0.0, 0.8, "where it begins, this much before the upper end", reach=_RANGE),
-        Parameter("lower", "rad", -0.5, 3.0, 0.0, 0.0, "where it begins, this much after the lower end", reach=_RANGE),
+        _end("upper", 0.8, "where it begins, this much before the upper end"),
+        _end("lower", 0.0, "where it begins, this much after the lower end"),
     )
     story = Story(
         what="Beyond an angle something elastic pushes back.",
@@ -74,19 +81,25 @@ class JointStop(Effect):
         one such is suggested as well.
         """
         angle, gap = seen.angle, seen.gap
+        begins = np.quantile(angle, _BEGINNINGS)
+        above = np.maximum(angle - begins[:, None], 0.0)  # (b, n) rad beyond a beginning, towards the upper end
+        below = np.maximum(begins[:, None] - angle, 0.0)
+        pushed = np.array([-above @ gap, below @ gap])  # (2, b)
+        power = np.array([(above**2).sum(axis=1), (below**2).sum(axis=1)])
+        # at one end, at the other, and at both: from one end alone where the other begins has no slope
+        apart = begins[:, None] > begins
+        both = np.where(apart, np.add.outer(pushed[0], pushed[1]), 0.0), np.add.outer(power[0], power[1])
         found: list[tuple[float, dict[str, float]]] = []
-        for side in (1.0, -1.0):
-            best = 0.0, 0.0, 0.0
-            for begins in np.quantile(angle, _BEGINNINGS):
-                beyond = np.maximum(side * (angle - begins), 0.0)
-                power = float(beyond @ beyond)
-                pushed = -side * float(gap @ beyond)
-                if power > 0.0 and pushed > 0.0:
-                    best = max(best, (pushed**2 / power, float(begins), pushed / power))
-            taken, begins, slope = best
-            if taken > 0.0:
-                place = {"upper": scale.upper - begins, "lower": 0.0} if side > 0 else {"lower": begins - scale.lower}
-                found.append((taken, {"stiffness": slope * scale.kp, "upper": 0.0, **place}))
+        for ends, push, entered in (("upper", pushed[0], power[0]), ("lower", pushed[1], power[1]), ("both", *both)):
+            taken = np.where((entered > 0.0) & (push > 0.0), push**2 / np.maximum(entered, _NONE), 0.0)
+            at = np.unravel_index(np.argmax(taken), taken.shape)
+            if taken[at] > 0.0:
+                values = {"stiffness": float(push[at] / entered[at]) * scale.kp, "upper": 0.0, "lower": 0.0}
+                if ends != "lower":
+                    values["upper"] = scale.upper - float(begins[at[0]])
+                if ends != "upper":
+                    values["lower"] = float(begins[at[-1]]) - scale.lower
+                found.append((float(taken[at]), values))
         found.sort(key=lambda one: -one[0])
         stands = {"stiffness": _STIFF * scale.kp, "upper": 0.0, "lower": 0.0}
         edges: list[dict[str, float]] = []

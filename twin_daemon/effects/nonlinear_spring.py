@@ -28,7 +28,15 @@ class NonlinearSpring(Effect):
             "cubic", "N m/rad3", 0.0, 50.0, 0.0, 0.3, "torque at one radian from the centre", reach=Reach("kp", 5.0)
         ),
         Parameter(
-            "centre", "rad", -np.pi, np.pi, 0.0, 0.0, "angle at which it does not pull", reach=Reach("span", 1.0)
+            "centre",
+            "rad",
+            -np.pi,
+            np.pi,
+            0.0,
+            0.0,
+            "angle at which it does not pull",
+            reach=Reach("span", 1.0),
+            place=True,
         ),
     )
     story = Story(

@@ -28,7 +28,7 @@ class TorqueRipple(Effect):
     rank = 180
     parameters = (
         Parameter("amplitude", "N m", 0.0, 5.0, 0.0, 0.1, "largest torque", reach=Reach("kp", 0.5)),
-        Parameter("phase", "rad", -2.0 * np.pi, 2.0 * np.pi, 0.0, 0.0, "phase at angle 0"),
+        Parameter("phase", "rad", -2.0 * np.pi, 2.0 * np.pi, 0.0, 0.0, "phase at angle 0", place=True),
         Parameter("periods", "1/turn", 1.0, 500.0, 24.0, 24.0, "waves a turn of the joint", held=True),
     )
     story = Story(
