@@ -1,4 +1,4 @@
-"""Where a roll-out makes much of a small error: a servo at its limit beside moving neighbours."""
+"""Where a roll-out makes much of a small error: a servo at its limit, a joint that swings beyond its travel."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from tests.simulation.made import FINGER, Motion, recorded
 from twin_daemon.estimation.floor import floor_variance
 from twin_daemon.estimation.partition import Reduction
 from twin_daemon.estimation.posterior import Posterior
-from twin_daemon.hand import load_hand
+from twin_daemon.hand import Hand, load_hand
+from twin_daemon.hand.schema import NominalUncertainty
 from twin_daemon.simulation.alignment import Aligned, align
 from twin_daemon.simulation.submodel import drive_groups
 from twin_daemon.simulation.twin import TwinModel
@@ -77,3 +78,30 @@ def test_joints_that_no_servo_holds_apart_are_not_excused(twin: TwinModel, rng: 
         found[joints] = max(float(one.variance.max()) for one in part.corrections_at(np.zeros(0)))
     assert found["rh_FFJ3",] > 0.0
     assert found["rh_FFJ1", "rh_FFJ2"] == 0.0
+
+
+_SWING = (
+    '<mujoco model="swing"><compiler angle="radian"/><option timestep="0.002"/>'
+    '<worldbody><body><inertial mass="1" pos="0 0 -0.1" '
+    'diaginertia=".01 .01 .01"/><joint name="swing" axis="0 1 0" range="-0.6 0.6" damping="0.02"/></body></worldbody>'
+    '<actuator><position name="swing" joint="swing" kp="2" ctrlrange="-0.6 0.6"/></actuator></mujoco>'
+)
+
+
+def test_how_a_joint_comes_back_from_beyond_its_travel_is_no_effect(tmp_path: Path, rng: np.random.Generator) -> None:
+    (tmp_path / "swing.xml").write_text(_SWING)
+    hand = load_hand(model=tmp_path / "swing.xml")
+    exact = hand.description.model_copy(update={"nominal_uncertainty": NominalUncertainty(ends=0.0)})
+    steps = {"swing": ([0.0, 1.0, 1.0, 3.0, 3.0, 5.0], [0.0, 0.0, 0.5, 0.5, -0.2, -0.2])}
+    left = {}
+    for share, description in ((0.12, hand.description), (0.0, exact)):
+        twin = TwinModel.load(Hand(description, hand.model_path))
+        plant = twin.with_softer_ends(1.12).at_step(1e-4)  # a robot has no time step
+        read = align(twin, recorded(plant, steps, rng, seconds=5.0, noise_rad=1e-4))
+        assert read.measured.max() > 0.61
+        part = _part(twin, read, ["swing"])
+        corrected = part.corrected(part.corrections_at(np.zeros(0)))
+        left[share] = float(corrected.times_floor(np.zeros(0)).max())
+        quiet = align(twin, recorded(plant, {"swing": ([0.0, 1.0, 5.0], [0.0, 0.0, 0.2])}, rng, seconds=5.0))
+        assert _part(twin, quiet, ["swing"]).corrections_at(np.zeros(0))[0].variance.max() == 0.0
+    assert left[0.12] < 2.0 < 10.0 < left[0.0]

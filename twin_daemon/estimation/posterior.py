@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +11,7 @@ from twin_daemon.estimation.floor import floor_variance
 from twin_daemon.estimation.problem import Problem
 from twin_daemon.estimation.start_errors import Whitening, each_held
 from twin_daemon.estimation.thresholds import (
+    END_SIGMA,
     FINER_STEPS,
     FLOOR_CHI_SQUARE,
     LEAST_CORRELATION_S,
@@ -224,21 +225,45 @@ class Posterior(Problem):
         ]
 
     def _variances_at(self, point: np.ndarray) -> list[np.ndarray]:
-        """(n, k) rad^2 a recording: how uncertain the roll-out of a point (p,) is.
+        """(n, k) rad^2 a recording: how uncertain the roll-out of a point (p,) is."""
+        own = self.predict(point[None])
+        variances = [np.zeros_like(read[0]) for read in own]
+        for other in self._otherwise():
+            both = zip(variances, other.predict(point[None]), own, strict=True)
+            variances = [
+                known + np.nan_to_num((there[0] - here[0]) ** 2, posinf=0.0, neginf=0.0) for known, there, here in both
+            ]
+        return variances
+
+    def _otherwise(self) -> Iterator[Posterior]:
+        """The same problem with what is not known about its roll-outs one sigma off.
 
         What neighbours do to a part is read off their measured motion. A servo within its limits hardly lets an error
-        of that show; one at its limit, or a joint that is about to slip, lets it grow. Joints that no servo holds apart
-        let it grow all the time, so that nothing would count: of these it is not asked.
+        of that show; one at its limit, or a joint that is about to slip, lets it grow. And how a joint comes back from
+        beyond the end of its travel is the simulator's own number, as what a contact does.
+
+        Joints that no servo holds apart let it grow all the time, so that nothing would count: of these it is not
+        asked.
         """
-        own = self.predict(point[None])
-        feels = any(recording.reaction is not None for recording in self.recordings)
-        if not (feels and each_held(self.twin, self.objective)):
-            return [np.zeros_like(read[0]) for read in own]
-        stronger = Posterior(
-            self.twin, [_stronger(one) for one in self.recordings], self.variables, self.objective, self.floor
-        ).predict(point[None])
-        each = zip(stronger, own, strict=True)
-        return [np.nan_to_num((there[0] - here[0]) ** 2, posinf=0.0, neginf=0.0) for there, here in each]
+        if not each_held(self.twin, self.objective):
+            return
+        if any(recording.reaction is not None for recording in self.recordings):
+            stronger = [_stronger(one) for one in self.recordings]
+            yield Posterior(self.twin, stronger, self.variables, self.objective, self.floor)
+        share = self.twin.hand.description.nominal_uncertainty.ends
+        if share > 0.0 and self._beyond_an_end():
+            softer = self.twin.with_softer_ends(1.0 + share)
+            yield Posterior(softer, self.recordings, self.variables, self.objective, self.floor)
+
+    def _beyond_an_end(self) -> bool:
+        """Whether a joint was measured beyond an end of its travel, by more than its reading's noise."""
+        model = self.twin.model
+        ids = [model.dof_jntid[self.twin.dof_adr[column]] for column in self._columns]
+        limited = model.jnt_limited[ids].astype(bool)
+        low, high = np.where(limited, model.jnt_range[ids].T, [[-np.inf], [np.inf]])
+        noise = END_SIGMA * np.sqrt(self.floor)
+        read = [recording.measured[:, self._columns] for recording in self.recordings]
+        return any(bool(((one < low - noise) | (one > high + noise)).any()) for one in read)
 
     def at_finer_step(self, steps: float, point: np.ndarray) -> list[np.ndarray]:
         """(n, k) rad a recording: how a point (p,) moves at so many time steps in one."""

@@ -171,6 +171,8 @@ class NominalUncertainty(_Strict):
     gain: Annotated[float, Field(ge=0, le=1)] = 0.12
     mass: Annotated[float, Field(ge=0, le=1)] = 0.03
     """Of each link: its mass, its inertia, and its centre of mass as a share of the distance from the link's origin."""
+    ends: Annotated[float, Field(ge=0, le=1)] = 0.12
+    """Of the time in which the end of a joint's travel pushes it back: a number of the simulator's."""
 
     def of(self, kind: str) -> float:
         """That of a kind of parameter, as its name ends: "damping", "frictionloss", "armature" or "kp"."""

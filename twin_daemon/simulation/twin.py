@@ -133,6 +133,16 @@ class TwinModel:
         other.made_by = TwinModel.at_step, (self, step_s)
         return other
 
+    def with_softer_ends(self, times: float) -> TwinModel:
+        """The same twin whose joints take so many times as long to come back from beyond the ends of their travel."""
+        nominal = self.nominal.copy()
+        for joint in nominal.joints:
+            time_constant = joint.solref_limit[0] > 0.0  # else a stiffness and a damping, both negative
+            joint.solref_limit *= np.array([times, 1.0] if time_constant else [times**-2, 1.0 / times])
+        other = TwinModel(self.hand, nominal, self.terms)
+        other.made_by = TwinModel.with_softer_ends, (self, times)
+        return other
+
     # -- names ---------------------------------------------------------------------------------------------
 
     def _map_names(self) -> None:
