@@ -18,9 +18,6 @@ _RARE = np.array([0.005, 0.01, 0.02, 0.03])
 _BEGINNINGS = np.concatenate([_RARE, np.arange(0.05, 1.0, 0.05), 1.0 - _RARE[::-1]])
 
 
-_NONE = np.finfo(float).tiny
-
-
 def _end(name: str, default: float, meaning: str) -> Parameter:
     return Parameter(name, "rad", -0.5, 3.0, 0.0, default, meaning, reach=_RANGE, place=True)
 
@@ -75,7 +72,7 @@ class JointStop(Effect):
         )
 
     def suggested(self, scale: Scale, seen: Seen) -> tuple[dict[str, float], ...]:
-        """Where the error begins to grow, at either end: at rest a stop bends the servo by its stiffness over kp.
+        """Where the error begins to grow, at either end or both: at rest a stop bends the servo by stiffness over kp.
 
         A stiff stop is hardly entered, so that the joint stands at its edge: at either end of what is seen of the angle
         one such is suggested as well.
@@ -86,19 +83,24 @@ class JointStop(Effect):
         below = np.maximum(begins[:, None] - angle, 0.0)
         pushed = np.array([-above @ gap, below @ gap])  # (2, b)
         power = np.array([(above**2).sum(axis=1), (below**2).sum(axis=1)])
-        # at one end, at the other, and at both: from one end alone where the other begins has no slope
+        where = {"upper": scale.upper - begins, "lower": begins - scale.lower}
         apart = begins[:, None] > begins
-        both = np.where(apart, np.add.outer(pushed[0], pushed[1]), 0.0), np.add.outer(power[0], power[1])
+        # at one end, at the other, and at both: from one end alone where the other begins has no slope
+        sides = {
+            ("upper",): (pushed[0], power[0]),
+            ("lower",): (pushed[1], power[1]),
+            ("upper", "lower"): (
+                np.where(apart, np.add.outer(pushed[0], pushed[1]), 0.0),
+                np.add.outer(power[0], power[1]),
+            ),
+        }
         found: list[tuple[float, dict[str, float]]] = []
-        for ends, push, entered in (("upper", pushed[0], power[0]), ("lower", pushed[1], power[1]), ("both", *both)):
-            taken = np.where((entered > 0.0) & (push > 0.0), push**2 / np.maximum(entered, _NONE), 0.0)
+        for ends, (push, entered) in sides.items():
+            taken = np.divide(push**2, entered, out=np.zeros_like(entered), where=(entered > 0.0) & (push > 0.0))
             at = np.unravel_index(np.argmax(taken), taken.shape)
             if taken[at] > 0.0:
                 values = {"stiffness": float(push[at] / entered[at]) * scale.kp, "upper": 0.0, "lower": 0.0}
-                if ends != "lower":
-                    values["upper"] = scale.upper - float(begins[at[0]])
-                if ends != "upper":
-                    values["lower"] = float(begins[at[-1]]) - scale.lower
+                values |= {end: float(where[end][index]) for end, index in zip(ends, at, strict=True)}
                 found.append((float(taken[at]), values))
         found.sort(key=lambda one: -one[0])
         stands = {"stiffness": _STIFF * scale.kp, "upper": 0.0, "lower": 0.0}

@@ -65,7 +65,9 @@ OFFSET_FLOORS = Threshold(
 REACTION_ERROR = Threshold(
     0.01, "1", "of the torques that moving neighbours cause: how well these are known from the measured motion"
 )
-END_SIGMA = Threshold(3.0, "sigma", "of a reading's noise that a joint is measured beyond the end of its travel")
+END_SIGMA = Threshold(
+    3.0, "sigma", "of its noise, a reading beyond an end of the joint's travel: from there how soft that end is matters"
+)
 DELAY_REACH = Threshold(3.0, "sigma", "bounds of the common delay: one late joint must not spoil the others")
 NUISANCE_REACH = Threshold(12.0, "1", "as a factor, bounds of a nuisance: far enough to show that it has to move")
 
