@@ -64,7 +64,14 @@ def test_a_memory_has_no_formula() -> None:
 @pytest.mark.parametrize("over", ["position", "velocity", "time", "error"])
 def test_dense_knots_increase_and_cover_what_was_visited(over: str) -> None:
     knots = ERRORS if over in ("velocity", "error") else np.linspace(0.0, 2.0, 9)
-    found = np.array(dense(_feature(over, knots)))
+    found = np.array(dense(_feature(over, knots), (float(knots[0]), float(knots[-1]))))
     assert (np.diff(found) > 0.0).all()
     assert found[0] <= knots[0]
     assert found[-1] >= knots[-1]
+
+
+def test_a_formula_is_validated_wherever_that_motion_goes() -> None:
+    knots = np.linspace(0.5, 2.0, 9)
+    assert dense(_feature("position", knots), (0.4, 1.9))[0] > 0.0
+    beyond = dense(_feature("position", knots), (-1.0, 3.0))
+    assert (beyond[0], beyond[-1]) == (-1.0, 3.0)

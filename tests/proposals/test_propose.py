@@ -161,6 +161,15 @@ def test_a_law_of_a_reading_says_where_the_joint_starts_whatever_was_asked_befor
     assert np.array_equal(problem.predict(other)[0], fresh.predict(other)[0])
 
 
+def test_a_roll_out_of_a_reading_that_bends_begins_where_it_was_read(twin: TwinModel, recorded: Recorded) -> None:
+    train, _ = recorded("sound", 8.0, 6.0)
+    knots = np.linspace(-2.0, 2.0, 320)
+    problem = law_problem(twin, train, Feature("reading", "position", tuple(knots), "rad", 0.5))
+    law = problem.point(problem.start[: problem.own], 0.05 * np.sin(9.0 * knots + 0.7))
+    (found,) = problem.predict(law[None])
+    assert found[0, 0, 0] == pytest.approx(train[0].start_position[twin.joints.index("elbow")], abs=1e-6)
+
+
 @pytest.mark.parametrize("memory", ["", "play"])
 def test_the_slopes_of_a_laws_priors_are_those_of_their_rows(twin: TwinModel, recorded: Recorded, memory: Any) -> None:
     train, _ = recorded("sound", 8.0, 6.0)

@@ -66,7 +66,7 @@ class ReadingCurve:
         return np.interp(angle, self.knots, self.values)
 
 
-_INVERTED = 60  # rounds: a curve is less steep than the angle itself, so that each comes nearer
+INVERTED = 60  # rounds: a curve is less steep than the angle itself, so that each comes nearer
 
 
 @dataclass
@@ -93,7 +93,7 @@ class Measurement:
         found = (reading - offset) / gain
         if not any(joint in self.curves for joint in joints):
             return found
-        for _ in range(_INVERTED):
+        for _ in range(INVERTED):
             found = (reading - offset - self.added(joints, found)) / gain
         return found
 

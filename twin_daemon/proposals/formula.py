@@ -330,13 +330,14 @@ def _within(key: str, values: np.ndarray, x: np.ndarray) -> bool:
     return key != "settling" or 0.0 < values[1] < 3.0 * span
 
 
-def dense(feature: Feature) -> tuple[float, ...]:
-    """Knots that are close enough for any formula of a feature's variable."""
+def dense(feature: Feature, reached: tuple[float, float]) -> tuple[float, ...]:
+    """Knots that are close enough for any formula of a feature's variable, over all that motion of the variable has
+    `reached`, that of validation among it: where the formula goes on there is what it is validated on."""
     low, high = feature.knots[0], feature.knots[-1]
     if feature.over in ("velocity", "neighbour_velocity", "acceleration", "error"):
-        half = FASTER * high * np.geomspace(0.002, 1.0, DENSE_KNOTS // 2)
+        half = max(FASTER * high, -reached[0], reached[1]) * np.geomspace(0.002, 1.0, DENSE_KNOTS // 2)
         return (*(-half[::-1]), 0.0, *half)
     if feature.over == "load":
-        return (0.0, *(FASTER * high * np.geomspace(0.002, 1.0, DENSE_KNOTS)))
+        return (0.0, *(max(FASTER * high, reached[1]) * np.geomspace(0.002, 1.0, DENSE_KNOTS)))
     margin = 0.0 if feature.over in ("time", "heat") else BEYOND * (high - low)
-    return tuple(np.linspace(low - margin, high + margin, DENSE_KNOTS))
+    return tuple(np.linspace(min(low - margin, reached[0]), max(high + margin, reached[1]), DENSE_KNOTS))

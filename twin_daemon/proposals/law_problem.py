@@ -9,6 +9,7 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
+from twin_daemon.effects.base import INVERTED
 from twin_daemon.estimation.posterior import Correction, Posterior
 from twin_daemon.estimation.problem import Candidate, times_before
 from twin_daemon.estimation.variables import ParameterVariable, Variable
@@ -97,8 +98,7 @@ class LawProblem(Posterior):
     def _misread(self, points: np.ndarray, laws: np.ndarray) -> list[np.ndarray]:
         """The joint moves as it does; what is read of it is not where it is."""
         distinct, place = np.unique(points[:, : self.own], axis=0, return_inverse=True)
-        at = [np.array([self._start_of_reading(index)]) for index in range(len(self.recordings))]
-        self._shift = np.array([-float(self.feature.curve(laws[:1], x[None])[0, 0]) for x in at])
+        self._shift = np.array([self._misread_start(laws[:1], index) for index in range(len(self.recordings))])
         whole = np.concatenate([distinct, np.full((len(distinct), points.shape[1] - self.own), 0.5)], axis=1)
         found = super()._predicted(whole)  # where it starts is the law's matter, too
         column = self.objective.index(self.joint)
@@ -115,9 +115,15 @@ class LawProblem(Posterior):
             return angle
         return np.broadcast_to(self._exogenous(index, time_s), angle.shape)
 
-    def _start_of_reading(self, index: int) -> float:
+    def _misread_start(self, law: np.ndarray, index: int) -> float:
+        """How far from its reading the joint is where a piece begins, with a law (1, k)."""
+        if self.feature.over != "position":
+            return -float(self.feature.curve(law, self._exogenous(index, np.zeros(1))[None])[0, 0])
         start = float(self.recordings[index].start_position[self.twin.joints.index(self.joint)])
-        return start if self.feature.over == "position" else float(self._exogenous(index, np.zeros(1))[0])
+        shift = 0.0
+        for _ in range(INVERTED):
+            shift = -float(self.feature.curve(law, np.array([[start + shift]]))[0, 0])
+        return shift
 
     def _begun(self, index, measurements):
         qpos, qvel = super()._begun(index, measurements)

@@ -144,7 +144,7 @@ def _one_element(search: JointSearch, law: FittedLaw) -> FittedLaw:
 
 
 def _dense(search: JointSearch, law: FittedLaw) -> LawProblem:
-    return search.problem(replace(law.feature, knots=dense(law.feature)), 0.0)
+    return search.problem(replace(law.feature, knots=dense(law.feature, search.reached(law.feature))), 0.0)
 
 
 def _promising(search: JointSearch, law: FittedLaw) -> list[Formula]:

@@ -217,6 +217,16 @@ class JointSearch:
             trials += in_order(tried, fine, self.say)
         return sorted(trials, key=lambda trial: self.price(1.0 - trial.promise, trial.freedom))
 
+    def reached(self, feature: Feature) -> tuple[float, float]:
+        """The least and the largest that a law's variable was in any motion, that of validation among it."""
+        if feature.neighbour:
+            every = [t.of_neighbour(feature.neighbour, feature.over) for t in self.tracks]
+        elif feature.over == "load":
+            every = [self.stiffness * np.abs(t.error) for t in self.tracks]
+        else:
+            every = [t.of(feature.over) for t in self.tracks]
+        return min(float(one.min()) for one in every), max(float(one.max()) for one in every)
+
     def _stepped(self, trial: Trial) -> Trial:
         """The trial with the best of some lengths of its linear step, as roll-outs show it."""
         problem = self.problem(trial.feature, trial.smoothness)
