@@ -121,6 +121,37 @@ LAWS: dict[str, Law] = {
 """Every law by its key; `sound` is none at all."""
 
 
+PAIRS = (
+    ("eccentric_sensor", "quadratic_drag"),
+    ("notch", "temperature_ramp"),
+    ("crosstalk", "magnetic_hold"),
+    ("fading_gain", "neighbour_pull"),
+    ("asymmetric_friction", "crosstalk"),
+    ("neighbour_friction", "eccentric_sensor"),
+    ("quadratic_drag", "notch"),
+    ("relaxation", "crosstalk"),
+)
+"""Laws that act together: no two at the same port over the same variable."""
+
+
+def pair(one: Law, other: Law) -> Law:
+    """Both laws at once."""
+
+    def make() -> tuple[Torque | None, Torque | None, Torque | None]:
+        (torque, gain, reading), (torque_2, gain_2, reading_2) = one.make(), other.make()
+        return (
+            _sum(torque, torque_2),
+            (lambda now: gain(now) * gain_2(now)) if gain and gain_2 else gain or gain_2,
+            _sum(reading, reading_2),
+        )
+
+    return Law(f"{one.key}+{other.key}", (*one.answers, *other.answers), make)
+
+
+def _sum(one: Torque | None, other: Torque | None) -> Torque | None:
+    return (lambda now: one(now) + other(now)) if one and other else one or other
+
+
 def arm_model(folder: Path) -> Path:
     """Writes the nominal arm and returns its file."""
     path = folder / "arm.xml"

@@ -3,12 +3,13 @@
     python -m bench.proposals --half development --folder build/proposals
     python -m bench.proposals --half test --folder build/proposals-test --page docs/proposals-measured.md
     python -m bench.proposals --library --folder build/proposals-library
+    python -m bench.proposals --pairs --folder build/proposals-pairs
 
 Each case is the small arm of `foreign_laws` with one law at its elbow; with `--library` the law is an effect that the
-library knows (`library_laws`). The verdict is given as `unexplained`, so that the search alone is measured: it never
-looks into the library. Cases that are sound are measured as well: what is proposed for them is false. The gain is held
-out on motion that is half again as fast. The seeds of the test half are never used to tune. A run that was interrupted
-goes on where it stopped.
+library knows (`library_laws`), and with `--pairs` there are two laws. The verdict is given as `unexplained`, so that
+the search alone is measured: it never looks into the library. Cases that are sound are measured as well: what is
+proposed for them is false. The gain is held out on motion that is half again as fast. The seeds of the test half are
+never used to tune. A run that was interrupted goes on where it stopped.
 """
 
 from __future__ import annotations
@@ -17,16 +18,18 @@ import argparse
 import json
 import os
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.foreign_laws import LAWS, NOISE_RAD, arm_model, record
+from bench.foreign_laws import LAWS, NOISE_RAD, PAIRS, arm_model, pair, record
 from bench.library_laws import ANSWERS, library_model, record_pair
 from bench.machine import in_words, provenance
 
 _SEEDS = {"development": (2, 4, 6), "test": (1, 3, 5)}
 _SOUND = 10
 _TRAIN_S, _HELD_S = 12.0, 9.0
+_TOGETHER = {law.key: law for law in (pair(LAWS[one], LAWS[other]) for one, other in PAIRS)}
 
 
 def main() -> None:
@@ -35,7 +38,8 @@ def main() -> None:
     options.add_argument("--half", choices=list(_SEEDS), default="development")
     options.add_argument("--folder", type=Path, default=Path("build/proposals"))
     options.add_argument("--library", action="store_true", help="the library's effects, taken out in turn")
-    options.add_argument("--laws", nargs="*", choices=[*LAWS, *ANSWERS])
+    options.add_argument("--pairs", action="store_true", help="two laws at once")
+    options.add_argument("--laws", nargs="*", choices=[*LAWS, *ANSWERS, *_TOGETHER])
     options.add_argument("--seeds", type=int, default=1, help="seeds a law, at most three")
     options.add_argument("--seconds", type=float, default=_TRAIN_S)
     options.add_argument("--page", type=Path)
@@ -43,7 +47,7 @@ def main() -> None:
     arguments.folder.mkdir(parents=True, exist_ok=True)
     os.environ["TWIN_STATE_DIR"] = str((arguments.folder / "state").resolve())
     rows = []
-    for key in arguments.laws or (ANSWERS if arguments.library else LAWS):
+    for key in arguments.laws or (ANSWERS if arguments.library else _TOGETHER if arguments.pairs else LAWS):
         first = _SEEDS[arguments.half]
         seeds = first[: arguments.seeds] if key != "sound" else range(first[0], first[0] + 2 * _SOUND, 2)
         for seed in seeds:
@@ -78,9 +82,10 @@ def _case(key: str, seed: int, folder: Path, seconds: float) -> dict[str, Any]:
         model, answers = library_model(folder), ANSWERS[key]
         record_pair(key, bags, seconds=(seconds, _HELD_S), seed=seed)
     else:
-        model, answers = arm_model(folder), LAWS[key].answers
-        record(LAWS[key], bags[0], seconds=seconds, seed=seed)
-        record(LAWS[key], bags[1], seconds=_HELD_S, seed=100 + seed, fastest=1.5)
+        law = LAWS.get(key) or _TOGETHER[key]
+        model, answers = arm_model(folder), law.answers
+        record(law, bags[0], seconds=seconds, seed=seed)
+        record(law, bags[1], seconds=_HELD_S, seed=100 + seed, fastest=1.5)
     twin = TwinModel.load(load_hand(model=model))
     train, held = ([align(twin, load_recording(path))] for path in bags)
     began, processor = time.perf_counter(), time.process_time()
@@ -88,14 +93,17 @@ def _case(key: str, seed: int, folder: Path, seconds: float) -> dict[str, Any]:
     found = propose(twin, train, held, verdict, joints=["elbow"], seed=seed)
     proposal = found.proposals[0] if found.proposals else None
     said = [proposal.port, list(proposal.variables)] if proposal else None
-    right = proposal is not None and any(
-        proposal.port == port and variable in proposal.variables for port, variable in answers
-    )
+    named = [_names(one, answers) for one in found.proposals]
+    right = bool(named) and named[0]
+    if key in _TOGETHER:
+        right = all(any(_names(one, LAWS[own].answers) for one in found.proposals) for own in key.split("+"))
     return {
         "law": key,
         "seed": seed,
         "said": said,
         "right": right,
+        "false": len(named) - sum(named),
+        "beside": [f"{one.port} over {' x '.join(one.variables)}: {one.formula}" for one in found.proposals[1:]],
         "formula": proposal.formula if proposal else found.reason,
         "holdout_gain": proposal.holdout_gain if proposal else None,
         "holdout_gain_ci95": proposal.holdout_gain_ci95 if proposal else None,
@@ -106,6 +114,11 @@ def _case(key: str, seed: int, folder: Path, seconds: float) -> dict[str, Any]:
         "wall_s": time.perf_counter() - began,
         "processor_s": time.process_time() - processor,
     }
+
+
+def _names(proposal: Any, answers: Sequence[tuple[str, str]]) -> bool:
+    """Whether a proposal has one of the ports with one of the variables that a law may be named by."""
+    return any(proposal.port == port and variable in proposal.variables for port, variable in answers)
 
 
 def _of_true_law(proposal: Any) -> float | None:
@@ -119,7 +132,8 @@ def _of_true_law(proposal: Any) -> float | None:
 def _line(row: dict[str, Any]) -> str:
     said = "nothing" if row["said"] is None else f"{row['said'][0]} over {' x '.join(row['said'][1])}"
     gain = "" if row["holdout_gain"] is None else f", gain {row['holdout_gain']:.3f}"
-    return f"{row['law']} ({row['seed']}): {said}{gain}, {row['processor_s']:.0f} s: {row['formula']}"
+    beside = "".join(f"; {one}" for one in row["beside"])
+    return f"{row['law']} ({row['seed']}): {said}{gain}, {row['processor_s']:.0f} s: {row['formula']}{beside}"
 
 
 def _page(rows: list[dict[str, Any]], half: str) -> str:
@@ -137,6 +151,7 @@ def _page(rows: list[dict[str, Any]], half: str) -> str:
         "",
         f"- right port and variables: {right} of {len(laws)}",
         f"- held-out gain of 80 % or more of what the true law takes away: {good} of {len(laws)}",
+        f"- proposals that are none of what is there: {sum(row['false'] for row in laws)}",
         f"- proposals for sound arms: {sum(row['said'] is not None for row in sound)} of {len(sound)}",
     ]
     if seconds:
@@ -146,7 +161,7 @@ def _page(rows: list[dict[str, Any]], half: str) -> str:
         said = "nothing" if row["said"] is None else f"{row['said'][0]}: {' x '.join(row['said'][1])}"
         gain = "" if row["holdout_gain"] is None else f"{row['holdout_gain']:.3f}"
         native = "" if row["native_gain"] is None else f"{row['native_gain']:.2f}"
-        formula = row["formula"].replace("|", "\\|")
+        formula = "; ".join([row["formula"], *row["beside"]]).replace("|", "\\|")
         cells = (row["law"], row["seed"], said, "yes" if row["right"] else "no", gain, native, formula)
         lines.append(f"| {' | '.join(map(str, cells))} |")
     return "\n".join(lines) + "\n"

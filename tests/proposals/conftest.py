@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.foreign_laws import LAWS, arm_model, record
+from bench.foreign_laws import LAWS, arm_model, pair, record
 from twin_daemon.diagnosis.verdict import Diagnosis
 from twin_daemon.hand import load_hand
 from twin_daemon.recordings import load_recording
@@ -30,14 +30,16 @@ def twin(arm: Path) -> TwinModel:
 
 @pytest.fixture(scope="session")
 def bags(arm: Path) -> Callable[[str, float, float], tuple[Path, Path]]:
-    """(a bag to fit, a bag of other and faster motion) of the arm with a law, so many seconds long."""
+    """(a bag to fit, a bag of other and faster motion) of the arm with a law or two (`one+other`), so long."""
 
     def make(law: str, seconds: float, held_s: float) -> tuple[Path, Path]:
-        pair = (arm.parent / f"{law}_fit.mcap", arm.parent / f"{law}_held.mcap")
-        if not pair[0].exists():
-            record(LAWS[law], pair[0], seconds=seconds, seed=1)
-            record(LAWS[law], pair[1], seconds=held_s, seed=2, fastest=1.5)
-        return pair
+        found = (arm.parent / f"{law}_fit.mcap", arm.parent / f"{law}_held.mcap")
+        if not found[0].exists():
+            one, _, other = law.partition("+")
+            at_work = pair(LAWS[one], LAWS[other]) if other else LAWS[one]
+            record(at_work, found[0], seconds=seconds, seed=1)
+            record(at_work, found[1], seconds=held_s, seed=2, fastest=1.5)
+        return found
 
     return make
 

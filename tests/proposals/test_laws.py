@@ -14,7 +14,7 @@ from twin_daemon.effects import BUILT_IN
 from twin_daemon.estimation.posterior import Posterior
 from twin_daemon.hand import load_hand
 from twin_daemon.proposals.features import OF_NEIGHBOURS, Feature, features
-from twin_daemon.proposals.law_problem import LawProblem
+from twin_daemon.proposals.law_problem import GivenLaw, LawProblem
 from twin_daemon.proposals.track import Track, orientation, track
 from twin_daemon.simulation.terms import EffectTerm
 from twin_daemon.simulation.twin import TwinModel
@@ -24,12 +24,14 @@ FLOOR = np.array([1e-6])
 SPEEDS = (-2.0, -0.1, 0.1, 2.0)
 
 
-def moved(twin: TwinModel, train: Any, feature: Feature, values: list[float]) -> list[np.ndarray]:
-    """Predicted readings (n,) of the elbow with a law, by piece."""
+def moved(
+    twin: TwinModel, train: Any, feature: Feature | None, values: list[float], given: tuple[GivenLaw, ...] = ()
+) -> list[np.ndarray]:
+    """Predicted readings (n,) of the elbow with a law beside others, by piece."""
     actuator = twin.actuators.index("elbow")
     tracks = [track(twin, twin, one, "elbow", actuator, []) for one in train]
     problem = LawProblem(
-        twin, train, (), ["elbow"], FLOOR, feature=feature, joint="elbow", actuator=actuator, tracks=tracks
+        twin, train, (), ["elbow"], FLOOR, feature=feature, joint="elbow", actuator=actuator, tracks=tracks, given=given
     )
     found = problem.predict(problem.point(np.zeros(0), np.array(values))[None])
     return [one[0, :, 0] for one in found]
@@ -61,6 +63,42 @@ def test_a_level_of_friction_holds_as_the_models_own_does(
     (neither,) = with_own(twin, train, "elbow.frictionloss", 0.0)
     assert np.abs(own - neither).max() > 0.01
     assert np.abs(law - own).max() < 1e-6
+
+
+PULL = Feature("torque", "position", (-1.0, 1.0), "N m", 4.0), [0.3, -0.2]
+MISREAD = Feature("reading", "position", (-1.0, 1.0), "rad", 0.5), [-0.04, 0.06]
+RUB = Feature("torque", "position", (-1.0, 1.0), "N m", 4.0, factor="direction"), [0.1, 0.3]
+WEAR = Feature("torque", "load", (0.0, 1.0), "N m", 4.0, factor="direction"), [0.05, 0.2]
+SLACK = Feature("torque", "velocity", (0.02, 0.2), "N m", 4.0, memory="play"), [0.1, 0.2]
+SERVO = Feature("command", "time", (0.0, 8.0), "1", 3.0, factor="error"), [0.0, -0.5]
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [(PULL, MISREAD), (RUB, WEAR), (SLACK, SERVO), (MISREAD, RUB)],
+    ids=["torque and reading", "two frictions", "memory and servo", "reading and friction"],
+)
+def test_laws_act_together_whichever_of_them_is_given(
+    one: Any, other: Any, twin: TwinModel, recorded: Recorded
+) -> None:
+    train, _ = recorded("sound", 8.0, 6.0)
+    (none,) = moved(twin, train, None, [])
+    (alone,) = moved(twin, train, *one)
+    (both,) = moved(twin, train, *one, given=(GivenLaw(other[0], np.array(other[1])),))
+    (swapped,) = moved(twin, train, *other, given=(GivenLaw(one[0], np.array(one[1])),))
+    (given,) = moved(twin, train, None, [], tuple(GivenLaw(law, np.array(values)) for law, values in (one, other)))
+    assert np.abs(alone - none).max() > 5e-3
+    assert np.abs(both - alone).max() > 5e-3
+    assert np.abs(swapped - both).max() < 1e-9
+    assert np.abs(given - both).max() < 1e-9
+
+
+def test_two_levels_of_friction_add_up(twin: TwinModel, recorded: Recorded) -> None:
+    train, _ = recorded("sound", 8.0, 6.0)
+    level = Feature("torque", "position", (-1.0, 1.0), "N m", 4.0, factor="direction")
+    (both,) = moved(twin, train, level, [0.15, 0.15], (GivenLaw(level, np.array([0.05, 0.05])),))
+    (own,) = with_own(twin, train, "elbow.frictionloss", 0.2)
+    assert np.abs(both - own).max() < 1e-6
 
 
 def test_friction_one_way_is_half_of_it_and_a_constant_torque(twin: TwinModel, recorded: Recorded) -> None:

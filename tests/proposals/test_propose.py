@@ -127,6 +127,14 @@ def test_a_servo_that_fades_is_proposed_as_its_gain_over_time(twin: TwinModel, r
     assert proposal.holdout_gain > 0.5
 
 
+@pytest.mark.slow  # two searches, and each law again beside the other
+def test_two_laws_at_once_are_both_proposed(twin: TwinModel, recorded: Recorded) -> None:
+    found = propose(twin, *recorded("notch+temperature_ramp", 12.0, 9.0), UNEXPLAINED, joints=["elbow"])
+    said = {(one.port, one.variables) for one in found.proposals}
+    assert said == {("torque", ("position",)), ("torque", ("time", "velocity"))}
+    assert all(one.holdout_gain_ci95[0] > 0.0 for one in found.proposals)
+
+
 @pytest.mark.parametrize("port", ["torque", "command", "reading"])
 def test_every_law_that_is_looked_for_can_be_written(port: str) -> None:
     motion = np.linspace(-1.0, 1.0, 500)

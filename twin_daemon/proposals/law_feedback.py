@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 from twin_daemon.proposals.features import Feature
 from twin_daemon.proposals.thresholds import SETTLING_S, STRONGEST_RAD
 from twin_daemon.proposals.track import Track
+from twin_daemon.simulation.feedback import Torque
 from twin_daemon.simulation.twin import TwinModel
 
 
@@ -51,6 +52,7 @@ class LawFeedback:
         if self._feature.memory:
             self._keep = np.exp(-self._step_s / self._lengths)
         self._settles = 1.0 - float(np.exp(-self._step_s / SETTLING_S))
+        self.level: np.ndarray | None = None
 
     def torque(self, step: int, qpos: np.ndarray, qvel: np.ndarray, ctrl: np.ndarray) -> np.ndarray:
         """(a, nv) N m of the simulations that still run."""
@@ -83,7 +85,7 @@ class LawFeedback:
         return out
 
     def _rub(self, level: np.ndarray, speed: np.ndarray) -> np.ndarray:
-        """(a,) N m of dry friction beside what the solver holds by: levels (a,) at a speed, more or less than its own.
+        """(a,) N m of dry friction beside what the solver holds by, with `level` (a,) set to more or less than its own.
 
         A friction between -forwards and +backwards is one of their mean either way, with half their difference as a
         constant torque. Only the solver's own friction lets a joint stick.
@@ -96,10 +98,14 @@ class LawFeedback:
             laws = self._laws[:active]
             forwards, backwards = self._feature.curve(laws, fast), self._feature.curve(laws, -fast)
             level, beside = 0.5 * (forwards + backwards), 0.5 * (backwards - forwards)
-        bounds = np.maximum(self._own_friction[:active] + level, 0.0)
+        self.level = level
+        return beside
+
+    def hold(self, level: np.ndarray) -> None:
+        """Lets the solver hold each joint by its own friction and levels (a,) N m beside it."""
+        bounds = np.maximum(self._own_friction[: len(level)] + level, 0.0)
         for friction, bound in zip(self._friction, bounds.tolist(), strict=False):
             friction[self._dof] = bound
-        return beside
 
     def _over(
         self, step: int, active: int, angle: np.ndarray, qvel: np.ndarray, error: np.ndarray, ctrl: np.ndarray
@@ -140,6 +146,19 @@ class LawFeedback:
         elif feature.memory in ("creep", "lag"):
             follows = (error if feature.memory == "creep" else command)[:, None]
             state[:active] = self._keep * state[:active] + (1.0 - self._keep) * follows
+
+
+def feedback_of_all(laws: Sequence[LawFeedback]) -> Torque:
+    """The torque of all laws at a joint together; what they say of its dry friction adds up."""
+
+    def torque(step: int, qpos: np.ndarray, qvel: np.ndarray, ctrl: np.ndarray) -> np.ndarray:
+        total = sum((law.torque(step, qpos, qvel, ctrl) for law in laws), start=np.zeros_like(qvel))
+        levels = [law.level for law in laws if law.level is not None]
+        if levels:
+            laws[0].hold(np.sum(levels, axis=0))
+        return total
+
+    return torque
 
 
 def remembered(feature: Feature, track: Track, before: np.ndarray, step_s: float) -> np.ndarray:

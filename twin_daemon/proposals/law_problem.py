@@ -1,9 +1,10 @@
-"""The error of a twin with a law at one port, as a function of its coefficients and of what is uncertain anyway."""
+"""The error of a twin with laws at a joint, as a function of one law's coefficients and of what is uncertain anyway."""
 
 from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import mujoco
@@ -14,7 +15,7 @@ from twin_daemon.estimation.posterior import Correction, Posterior
 from twin_daemon.estimation.problem import Candidate, times_before
 from twin_daemon.estimation.variables import ParameterVariable, Variable
 from twin_daemon.proposals.features import OF_NEIGHBOURS, Feature
-from twin_daemon.proposals.law_feedback import LawFeedback, remembered
+from twin_daemon.proposals.law_feedback import LawFeedback, feedback_of_all, remembered
 from twin_daemon.proposals.thresholds import RIDGE
 from twin_daemon.proposals.track import Track
 from twin_daemon.simulation.alignment import Aligned, resample
@@ -23,11 +24,19 @@ from twin_daemon.simulation.rollout import initial_state
 from twin_daemon.simulation.twin import TwinModel
 
 
+@dataclass(frozen=True, eq=False)
+class GivenLaw:
+    """A law that is there already, with its coefficients (k,) in its unit."""
+
+    feature: Feature
+    coefficients: np.ndarray
+
+
 class LawProblem(Posterior):
     """A problem whose last variables are the coefficients of one law: their unit coordinate 0.5 is none of it.
 
-    The law acts within the roll-outs, where the joint comes to lie in them. `smoothness` is the weight of the curve's
-    second differences beside the data.
+    The law acts within the roll-outs, where the joint comes to lie in them, beside those that are `given` there;
+    without a `feature` these act alone. `smoothness` is the weight of the curve's second differences beside the data.
     """
 
     def __init__(
@@ -38,32 +47,41 @@ class LawProblem(Posterior):
         joints: Sequence[str],
         floor: np.ndarray,
         *,
-        feature: Feature,
+        feature: Feature | None,
         joint: str,
         actuator: int,
         tracks: Sequence[Track],
+        given: Sequence[GivenLaw] = (),
         smoothness: float = 0.0,
         corrections: Sequence[Correction] | None = None,
         threads: int | None = 1,
     ) -> None:
-        most = feature.most
-        own = [ParameterVariable(f"law.{index}", feature.unit, -most, most, 0.0) for index in range(len(feature.knots))]
+        own: list[Variable] = []
+        if feature:
+            most = feature.most
+            own = [ParameterVariable(f"law.{i}", feature.unit, -most, most, 0.0) for i in range(len(feature.knots))]
         super().__init__(twin, pieces, (*nuisances, *own), joints, floor, corrections=corrections, threads=threads)
         self.feature, self.joint, self.actuator = feature, joint, actuator
-        self.tracks, self.smoothness = tuple(tracks), smoothness
+        self.tracks, self.given, self.smoothness = tuple(tracks), tuple(given), smoothness
         by_name = {t.sha256: t for t in tracks}
         self._track_of = [by_name[piece.recording.sha256] for piece in pieces]
         self._begin = [t.begin_s(piece) for t, piece in zip(self._track_of, pieces, strict=True)]
         self._shift: np.ndarray | None = None
         self.own = len(nuisances)
 
+    @property
+    def knots(self) -> tuple[float, ...]:
+        """Of the law's own curve, one for each of its coefficients."""
+        return self.feature.knots if self.feature else ()
+
     def coefficients(self, points: np.ndarray) -> np.ndarray:
         """(B, k) of the law, in its unit, of points (B, p)."""
-        return (points[:, self.own :] - 0.5) * 2.0 * self.feature.most
+        return (points[:, self.own :] - 0.5) * 2.0 * (self.feature.most if self.feature else 0.0)
 
     def point(self, nuisances: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
         """(p,) from the nuisances' unit coordinates and the law's coefficients."""
-        return np.concatenate([nuisances, np.clip(0.5 + coefficients / (2.0 * self.feature.most), 0.0, 1.0)])
+        most = self.feature.most if self.feature else 1.0
+        return np.concatenate([nuisances, np.clip(0.5 + coefficients / (2.0 * most), 0.0, 1.0)])
 
     def shifted(self, pieces: Sequence[Aligned]) -> LawProblem:
         """The same problem over its pieces with their commands at other times."""
@@ -77,6 +95,7 @@ class LawProblem(Posterior):
             joint=self.joint,
             actuator=self.actuator,
             tracks=self.tracks,
+            given=self.given,
             smoothness=self.smoothness,
             corrections=self.corrections,
             threads=self.threads,
@@ -86,43 +105,56 @@ class LawProblem(Posterior):
 
     # -- roll-outs -----------------------------------------------------------------------------------------
 
-    def _predicted(self, points: np.ndarray) -> list[np.ndarray]:
-        """As `predict`, with the law at work."""
-        laws = self.coefficients(points)
-        if self.feature.port == "reading":
-            return self._misread(points, laws)
-        candidates = [self.candidate(point) for point in points]
-        self.evaluations += len(points)
-        return self._rolled(points, candidates, laws)
+    def _laws(self, points: np.ndarray) -> list[GivenLaw]:
+        """All laws at points (B, p), each with coefficients (B, k): the given ones, and the problem's own."""
+        found = [GivenLaw(one.feature, np.tile(one.coefficients, (len(points), 1))) for one in self.given]
+        return [*found, GivenLaw(self.feature, self.coefficients(points))] if self.feature else found
 
-    def _misread(self, points: np.ndarray, laws: np.ndarray) -> list[np.ndarray]:
-        """The joint moves as it does; what is read of it is not where it is."""
-        distinct, place = np.unique(points[:, : self.own], axis=0, return_inverse=True)
-        self._shift = np.array([self._misread_start(laws[:1], index) for index in range(len(self.recordings))])
-        whole = np.concatenate([distinct, np.full((len(distinct), points.shape[1] - self.own), 0.5)], axis=1)
-        found = super()._predicted(whole)  # where it starts is the law's matter, too
-        column = self.objective.index(self.joint)
-        out = []
-        for index, (piece, readings) in enumerate(zip(self.recordings, found, strict=True)):
-            every = readings[place.ravel()].copy()
-            every[:, :, column] += self.feature.curve(laws, self._read_over(index, piece.time_s, every[:, :, column]))
-            out.append(every)
+    def _predicted(self, points: np.ndarray) -> list[np.ndarray]:
+        """As `predict`, with the laws at work; those of a reading say what is read, and move nothing."""
+        laws = self._laws(points)
+        readings = [law for law in laws if law.feature.port == "reading"]
+        self._shift = None
+        if readings:
+            at = [GivenLaw(law.feature, law.coefficients[:1]) for law in readings]
+            self._shift = np.array([self._misread_start(at, index) for index in range(len(self.recordings))])
+        moved_by = points.copy()
+        if self.feature and self.feature.port == "reading":
+            moved_by[:, self.own :] = 0.5
+        distinct, place = np.unique(moved_by, axis=0, return_inverse=True)
+        acting = [law for law in self._laws(distinct) if law.feature.port != "reading"]
+        if acting:
+            self.evaluations += len(distinct)
+            moved = self._rolled(distinct, [self.candidate(point) for point in distinct], acting)
+        else:
+            moved = super()._predicted(distinct)  # where it starts is the matter of what is read, too
+        return [self._misread(index, found[place.ravel()], readings) for index, found in enumerate(moved)]
+
+    def _misread(self, index: int, angles: np.ndarray, readings: Sequence[GivenLaw]) -> np.ndarray:
+        """(B, n, k) what is read where the joints are at angles (B, n, k) of a piece."""
+        if not readings:
+            return angles
+        column, time_s = self.objective.index(self.joint), self.recordings[index].time_s
+        angle, out = angles[:, :, column], angles.copy()
+        for law in readings:
+            x = angle
+            if law.feature.over != "position":
+                x = np.broadcast_to(self._exogenous(law.feature, index, time_s), angle.shape)
+            out[:, :, column] += law.feature.curve(law.coefficients, x)
         return out
 
-    def _read_over(self, index: int, time_s: np.ndarray, angle: np.ndarray) -> np.ndarray:
-        """(B, n) the variable of a reading's law at times (n,) of a piece, where the joint is at `angle` (B, n)."""
-        if self.feature.over == "position":
-            return angle
-        return np.broadcast_to(self._exogenous(index, time_s), angle.shape)
-
-    def _misread_start(self, law: np.ndarray, index: int) -> float:
-        """How far from its reading the joint is where a piece begins, with a law (1, k)."""
-        if self.feature.over != "position":
-            return -float(self.feature.curve(law, self._exogenous(index, np.zeros(1))[None])[0, 0])
+    def _misread_start(self, readings: Sequence[GivenLaw], index: int) -> float:
+        """How far from its reading the joint is where a piece begins, with laws of (1, k) coefficients."""
         start = float(self.recordings[index].start_position[self.twin.joints.index(self.joint)])
         shift = 0.0
         for _ in range(INVERTED):
-            shift = -float(self.feature.curve(law, np.array([[start + shift]]))[0, 0])
+            over = [
+                start + shift if law.feature.over == "position"
+                else float(self._exogenous(law.feature, index, np.zeros(1))[0])
+                for law in readings
+            ]  # fmt: skip
+            both = zip(readings, over, strict=True)
+            shift = -sum(float(law.feature.curve(law.coefficients, np.array([[x]]))[0, 0]) for law, x in both)
         return shift
 
     def _begun(self, index, measurements):
@@ -132,18 +164,20 @@ class LawProblem(Posterior):
             qpos[:, self.twin.qpos_adr[self.twin.joints.index(self.joint)]] += self._shift[index]
         return qpos, qvel
 
-    def _exogenous(self, index: int, time_s: np.ndarray) -> np.ndarray:
-        """(n,) what the law depends on beside the joint's own state, at times (n,) s of a piece."""
+    def _exogenous(self, feature: Feature, index: int, time_s: np.ndarray) -> np.ndarray:
+        """(n,) what a law depends on beside the joint's own state, at times (n,) s of a piece."""
         track, at = self._track_of[index], self._begin[index] + time_s
-        if self.feature.over == "time":
+        if feature.over == "time":
             return at
-        if self.feature.over in ("heat", "orientation"):
-            return np.interp(at, track.time_s, track.of(self.feature.over))
-        if self.feature.over not in OF_NEIGHBOURS:
+        if feature.over in ("heat", "orientation"):
+            return np.interp(at, track.time_s, track.of(feature.over))
+        if feature.over not in OF_NEIGHBOURS:
             return np.zeros_like(time_s)
-        return np.interp(at, track.time_s, track.of_neighbour(self.feature.neighbour, self.feature.over))
+        return np.interp(at, track.time_s, track.of_neighbour(feature.neighbour, feature.over))
 
-    def _rolled(self, points: np.ndarray, candidates: Sequence[Candidate], laws: np.ndarray) -> list[np.ndarray]:
+    def _rolled(
+        self, points: np.ndarray, candidates: Sequence[Candidate], acting: Sequence[GivenLaw]
+    ) -> list[np.ndarray]:
         twin, step_s = self.twin, float(self.twin.model.opt.timestep)
         order = sorted(range(len(self.recordings)), key=lambda i: -len(self._grids[i]))
         longest, width = len(self._grids[order[0]]), twin.model.nu + twin.model.nv
@@ -151,14 +185,13 @@ class LawProblem(Posterior):
         known: dict[tuple[int, float, int], int] = {}
         distinct, alike = np.unique(points[:, [i for i, _ in self._links]], axis=0, return_inverse=True)
         _, shown = np.unique(alike.ravel(), return_index=True)
-        states, input_of, steps, begun = [], [], [], []
+        states, input_of, steps = [], [], []
         data = mujoco.MjData(candidates[0].model)
         for index in order:
             piece, grid = self.recordings[index], self._grids[index] * step_s
             past = times_before(piece, candidates[0].model)
             applied = self._applied(index, grid, [candidates[0].measurement] * len(distinct), points[shown])
             (qpos,), (qvel,) = self._begun(index, [candidates[0].measurement])
-            memory = self._memory(index)
             for candidate, load in zip(candidates, alike.ravel().tolist(), strict=True):
                 onset = candidate.onsets_s[index]
                 if (index, onset, load) not in known:
@@ -179,29 +212,32 @@ class LawProblem(Posterior):
                 states.append(initial_state(model, data, filled, qpos, qvel, earlier, loaded=True, turns=turns))
                 input_of.append(known[index, onset, load])
                 steps.append(len(grid))
-                begun.append(memory)
         count = len(candidates)
         models = [c.model for _ in order for c in candidates]
-        if self.feature.factor == "direction":
+        if any(law.feature.factor == "direction" for law in acting):
             models = [copy.copy(model) for model in models]  # each simulation has a friction of its own
-        feedback = LawFeedback(
-            twin,
-            self.feature,
-            self.joint,
-            self.actuator,
-            models,
-            laws=np.tile(laws, (len(order), 1)),
-            memory=np.array(begun),
-            piece_of=np.repeat(order, count),
-            exogenous=np.stack([self._exogenous(i, np.arange(longest) * step_s) for i in range(len(order))]),
-        )
+        grid = np.arange(longest) * step_s
+        feedback = [
+            LawFeedback(
+                twin,
+                law.feature,
+                self.joint,
+                self.actuator,
+                models,
+                laws=np.tile(law.coefficients, (len(order), 1)),
+                memory=np.repeat([self._memory(law.feature, index) for index in order], count, axis=0),
+                piece_of=np.repeat(order, count),
+                exogenous=np.stack([self._exogenous(law.feature, i, grid) for i in range(len(order))]),
+            )
+            for law in acting
+        ]
         positions = roll_out_with_feedback(
             models,
             np.array(states),
             np.stack(inputs),
             np.array(input_of),
             np.array(steps),
-            feedback.torque,
+            feedback_of_all(feedback),
             threads=self.threads,
         )
         found: list[np.ndarray] = [np.zeros(0)] * len(order)
@@ -216,16 +252,17 @@ class LawProblem(Posterior):
     def _before(self) -> dict[tuple[int, float], tuple[np.ndarray, np.ndarray | None]]:
         return {}
 
-    def _memory(self, index: int) -> np.ndarray:
-        """(m,) what the law remembers where a piece begins, from the measured motion before it."""
-        if index not in self._remembered:
+    def _memory(self, feature: Feature, index: int) -> np.ndarray:
+        """(m,) what a law remembers where a piece begins, from the measured motion before it."""
+        if (feature, index) not in self._remembered:
             track, begin = self._track_of[index], self._begin[index]
             before = track.time_s <= max(begin, 0.0)
-            self._remembered[index] = remembered(self.feature, track, before, float(self.twin.model.opt.timestep))
-        return self._remembered[index]
+            step_s = float(self.twin.model.opt.timestep)
+            self._remembered[feature, index] = remembered(feature, track, before, step_s)
+        return self._remembered[feature, index]
 
     @cached_property
-    def _remembered(self) -> dict[int, np.ndarray]:
+    def _remembered(self) -> dict[tuple[Feature, int], np.ndarray]:
         return {}
 
     # -- smoothness ----------------------------------------------------------------------------------------
@@ -238,12 +275,15 @@ class LawProblem(Posterior):
     def prior_slopes(self) -> np.ndarray:
         """(q, p) their derivative by the points."""
         bends = np.zeros((len(self._bends), len(self.variables)))
-        bends[:, self.own :] = self._bends * 2.0 * self.feature.most
+        if self.feature is not None:
+            bends[:, self.own :] = self._bends * 2.0 * self.feature.most
         return np.concatenate([super().prior_slopes(), bends])
 
     @cached_property
     def _bends(self) -> np.ndarray:
         """(q, k) rows that a smooth curve, or a weak memory, makes small. A straight line is smooth on any knots."""
+        if self.feature is None:
+            return np.zeros((0, 0))
         count, scale = len(self.feature.knots), 1.0 / self.feature.most
         weak = RIDGE * scale * np.eye(count)
         if self.feature.memory:

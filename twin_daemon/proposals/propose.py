@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,16 +22,17 @@ from twin_daemon.estimation.thresholds import Z95
 from twin_daemon.processes import Say
 from twin_daemon.processor_time import TimeLimit
 from twin_daemon.proposals.proposal import Curve, Native, Nearest, Proposal, Proposals, Rival, Value
-from twin_daemon.proposals.refit import MEMORY_UNITS, RefittedLaw, refitted
+from twin_daemon.proposals.refit import MEMORY_UNITS, RefittedLaw
 from twin_daemon.proposals.search import FittedLaw, JointSearch, Trial
 from twin_daemon.proposals.thresholds import (
     LEAST_GAIN,
     LIBRARY_LEAVES,
     MOST_NULL,
     MOST_SURE,
+    MOST_TERMS,
     NEAREST_SHOWN,
-    UNDECIDED_NATS,
 )
+from twin_daemon.proposals.together import FoundLaw, by_description, fitted_together
 from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.submodel import drive_groups
 from twin_daemon.simulation.terms import EffectTerm
@@ -59,8 +61,9 @@ def propose(
 ) -> Proposals:
     """The law that a diagnosis has not found: searched only where it says `unexplained`.
 
-    With `joints` at each of them, else at the one whose error is worst over its floor. Each proposal is written as an
-    effect file into the state folder.
+    With `joints` at each of them, else at the one whose error is worst over its floor. While that is above its floor
+    with what was found, a further law is looked for beside it, up to three. Each proposal is written as an effect file
+    into the state folder.
     """
     say, limit = stream or (lambda _: None), limit or TimeLimit()
     if found.verdict != "unexplained":
@@ -85,18 +88,11 @@ def propose(
         if search.within_floor:
             reasons.append(f"{joint} is at its floor: {search.times_floor:.1f} times it")
             continue
-        trials = search.trials()
-        laws = search.leading(trials)
-        tried += _tried(joint, trials, laws)
-        if laws[0].nats <= 0.0:
-            reasons.append(f"{joint}: the best law ({laws[0].feature.name}) is not worth its values")
-            continue
-        law, laws = _by_description(search, laws)
-        why = _refused(search, law, found)
-        if why:
+        laws, why, rivals = _laws(search, found)
+        tried += rivals
+        proposals += [_proposal(one, found) for one in laws]
+        if not laws:
             reasons.append(f"{joint}: {why}")
-            continue
-        proposals.append(_proposal(search, law, laws, found))
     if proposals:
         reason = "; ".join(f"{p.name}: {p.port} over {' x '.join(p.variables)} at {p.joints[0]}" for p in proposals)
     else:
@@ -106,21 +102,35 @@ def propose(
     )
 
 
-def _by_description(search: JointSearch, laws: Sequence[FittedLaw]) -> tuple[RefittedLaw, list[FittedLaw]]:
-    """The law with the shortest description, and all laws by the evidence of theirs, the best first.
+def _laws(search: JointSearch, found: Diagnosis) -> tuple[list[FoundLaw], str, list[Rival]]:
+    """(the laws of a joint, one found after another; why there is none; what else was tried for the first)."""
 
-    A curve of many knots pays for all of them, where its formula may have two values and may be sharper than knots. Of
-    laws that evidence does not tell apart the one that leaves least of held-out motion is taken, but a constant before
-    all, as it is a line over any variable. One that does not hold on held-out motion is none where another does: a
-    curve ends where the motion ended, its formula does not.
-    """
-    all_described = [refitted(search, law) for law in laws if law.nats > 0.0]
-    described = [one for one in all_described if one.law.gain_ci95[0] > 0.0] or all_described
-    most = max(one.law.nats for one in described)
-    undecided = [one for one in described if one.law.nats > most - UNDECIDED_NATS]
-    best = min(undecided, key=lambda one: (not one.is_constant, one.law.mse_after))
-    others = [one.law for one in all_described if one is not best]
-    return best, [best.law, *sorted(others, key=lambda law: -law.nats)]
+    def refused(search: JointSearch, law: RefittedLaw) -> str:
+        return _refused(search, law, found)
+
+    laws: list[FoundLaw] = []
+    tried: list[Rival] = []
+    refusal = ""
+    while len(laws) < MOST_TERMS and not (laws and _accounts_for_it(laws)):
+        trials = search.trials()
+        leading = search.leading(trials)
+        tried = tried or _tried(search.joint, trials, leading)
+        law, leading, why = by_description(search, leading, refused)
+        if not laws:
+            refusal = why  # what is missing beside it may be why it does not hold: that is asked once
+        # what is left over the variable of a law that is known is the shape of its curve
+        if law is None or (laws and why) or law.law.feature.name in {one.law.law.feature.name for one in laws}:
+            break
+        laws.append(FoundLaw(search, law, _probability(leading)))
+        search = replace(search, given=tuple(one.given for one in laws))
+    if refusal and len(laws) < 2:
+        return [], refusal, tried
+    return fitted_together(laws, refused), refusal or "no law of them holds beside the others", tried
+
+
+def _accounts_for_it(laws: Sequence[FoundLaw]) -> bool:
+    """Whether no further law could take as much of the held-out error as one has to that is proposed."""
+    return laws[-1].law.law.mse_after < LEAST_GAIN * laws[0].law.law.mse_before
 
 
 def _closed(found: Diagnosis) -> str:
@@ -203,10 +213,11 @@ def _refused(search: JointSearch, described: RefittedLaw, found: Diagnosis) -> s
     return ""
 
 
-def _proposal(search: JointSearch, law: RefittedLaw, laws: Sequence[FittedLaw], found: Diagnosis) -> Proposal:
+def _proposal(one: FoundLaw, found: Diagnosis) -> Proposal:
+    search, law = one.search, one.law
     fitted, feature = law.law, law.law.feature
     null = search.null_share(fitted.trial)
-    probability = _probability(laws) * (1.0 - null)
+    probability = one.probability * (1.0 - null)
     file = _file(search, law, probability)
     path = save_effect_file(file)
     reload_files()

@@ -77,7 +77,7 @@ class _FormulaProblem:
 
     def __init__(self, problem: LawProblem, formula: Formula) -> None:
         self._problem, self._formula = problem, formula
-        self._x = np.array(problem.feature.knots)
+        self._x = np.array(problem.knots)
         self.scales = _scales(formula, self._x)
 
     def values(self, points: np.ndarray) -> np.ndarray:
@@ -154,7 +154,7 @@ def _promising(search: JointSearch, law: FittedLaw) -> list[Formula]:
     if not candidates:
         return []
     problem = _dense(search, law)
-    x, nuisances = np.array(problem.feature.knots), law.reached.point[: problem.own]
+    x, nuisances = np.array(problem.knots), law.reached.point[: problem.own]
     curves = [one.family.shape(one.values, x) for one in candidates]
     rows = problem.residuals(np.array([problem.point(nuisances, curve) for curve in curves]))
     left = (rows**2).sum(axis=1).tolist()
@@ -195,9 +195,9 @@ def _by_formula(search: JointSearch, law: FittedLaw, formula: Formula) -> Refitt
     point = wrapped.law_points(reached.point[None])[0]
     # the rows and slopes stay those of the formula's few values
     judged = search.judged(law.trial, problem, Reached(point, reached.rows, reached.slopes), freedom=len(values))
-    x = np.array(problem.feature.knots)
+    x = np.array(problem.knots)
     curve = formula.family.shape(values, x)
     moved = np.array([formula.family.shape(values + 1e-4 * step, x) for step in np.diag(wrapped.scales)])
     slopes = 2.0 * (moved - curve).T / 1e-4  # by unit coordinate
     band = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", slopes, covariance[own:, own:], slopes), 0.0))
-    return RefittedLaw(judged, found, named, problem.feature.knots, curve, band)
+    return RefittedLaw(judged, found, named, problem.knots, curve, band)

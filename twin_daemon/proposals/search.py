@@ -10,7 +10,7 @@ import numpy as np
 
 from twin_daemon.estimation.nuisances import carried_over, nuisance_variables
 from twin_daemon.estimation.partition import Reduced, Reduction
-from twin_daemon.estimation.posterior import Posterior, floor_and_corrections
+from twin_daemon.estimation.posterior import floor_and_corrections
 from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
 from twin_daemon.estimation.uncertainty import block_gain, block_samples, sample_squares
 from twin_daemon.estimation.variables import OnsetVariable, Variable
@@ -20,7 +20,7 @@ from twin_daemon.processes import Say
 from twin_daemon.processor_time import TimeLimit
 from twin_daemon.proposals.descent import Linear, Reached, columns, cross_validated, folds, gauss_newton
 from twin_daemon.proposals.features import OF_NEIGHBOURS, Feature, features
-from twin_daemon.proposals.law_problem import LawProblem
+from twin_daemon.proposals.law_problem import GivenLaw, LawProblem
 from twin_daemon.proposals.thresholds import (
     FINE_POSITIONS,
     LAW_STEP,
@@ -82,6 +82,7 @@ class FittedLaw:
 
     @property
     def feature(self) -> Feature:
+        assert self.problem.feature is not None
         return self.problem.feature
 
     @property
@@ -104,7 +105,7 @@ class FittedLaw:
 
 @dataclass
 class JointSearch:
-    """The search for a law at one joint, within the smallest part that moves it.
+    """The search for a law at one joint, within the smallest part that moves it, beside laws that are `given` there.
 
     Raises no error for a joint that has nothing to say: `reduced` is then None, and `why` says it.
     """
@@ -115,6 +116,7 @@ class JointSearch:
     joint: str
     train: Sequence[Aligned]
     holdout: Sequence[Aligned]
+    given: tuple[GivenLaw, ...] = ()
     seed: int = 0
     say: Say = lambda _: None
     limit: TimeLimit = field(default_factory=TimeLimit)
@@ -134,15 +136,12 @@ class JointSearch:
         self.actuator = int(np.argmax(drives)) if drives.size and drives.any() else None
         if self.actuator is None:
             return
-        self.base = Posterior(
-            small, self.pieces, self.variables, self.reduced.joints, self.floor, corrections=self.corrections,
-            threads=None,
-        )  # fmt: skip
         neighbours = self._neighbours()
         self.tracks = [
             track(small, self.twin, recording, self.joint, self.actuator, neighbours)
             for recording in (*self.train, *self.holdout)
         ]
+        self.base = self.problem(None, 0.0)
 
     def _neighbours(self) -> list[str]:
         """Joints that move and stand next to this one: the nearest in the description's order."""
@@ -155,7 +154,7 @@ class JointSearch:
 
     @cached_property
     def alone(self) -> Reached:
-        """What is uncertain about the model anyway, fitted without any law."""
+        """What is uncertain about the model anyway, fitted without any law but those that are given."""
         return gauss_newton(self.base, self.base.start, len(self.variables), ROUNDS)
 
     @property
@@ -176,15 +175,9 @@ class JointSearch:
 
     # -- ports and variables -------------------------------------------------------------------------------
 
-    def trials(self) -> list[Trial]:
-        """Every port and variable by one linear step each, the best first."""
-        tracks = self.tracks[: len(self.train)]
-        seen = {name: np.concatenate([t.of(name) for t in tracks]) for name in Track.VARIABLES}
-        neighbours = {
-            (name, over): np.concatenate([t.of_neighbour(name, over) for t in tracks])
-            for name in tracks[0].neighbours
-            for over in OF_NEIGHBOURS
-        }
+    def trials(self, named: str = "") -> list[Trial]:
+        """Every port and variable, or the features of one name, by one linear step each, the best first."""
+        known = [one for one in self._features() if named in ("", one.name)]
         own = len(self.variables)
         temper = np.sqrt(max(1.0, self.alone.cost / self.base.effective_samples))
         nuisance_slopes = self.alone.slopes
@@ -210,12 +203,22 @@ class JointSearch:
             say(f"{feature.name}: {best.share:.0%} of the error by one linear step")
             return self._stepped(best)
 
-        known = features(self.stiffness, seen, neighbours)
         fine = [one for one in known if len(one.knots) == FINE_POSITIONS]
         trials = in_order(tried, [one for one in known if one not in fine], self.say)
-        if max(trial.share for trial in trials) <= PLAIN_SHARE:  # else there is nothing left that is finer
+        if not trials or max(trial.share for trial in trials) <= PLAIN_SHARE:  # else nothing finer is left
             trials += in_order(tried, fine, self.say)
         return sorted(trials, key=lambda trial: self.price(1.0 - trial.promise, trial.freedom))
+
+    def _features(self) -> list[Feature]:
+        """Every port and variable that the motion to fit can say something about."""
+        tracks = self.tracks[: len(self.train)]
+        seen = {name: np.concatenate([t.of(name) for t in tracks]) for name in Track.VARIABLES}
+        neighbours = {
+            (name, over): np.concatenate([t.of_neighbour(name, over) for t in tracks])
+            for name in tracks[0].neighbours
+            for over in OF_NEIGHBOURS
+        }
+        return features(self.stiffness, seen, neighbours)
 
     def reached(self, feature: Feature) -> tuple[float, float]:
         """The least and the largest that a law's variable was in any motion, that of validation among it."""
@@ -242,15 +245,20 @@ class JointSearch:
         best = int(np.argmin(costs))
         return replace(trial, start=points[best], reduction=1.0 - float(costs[best]) / self.alone.cost)
 
-    def problem(self, feature: Feature, smoothness: float, *, held: bool = False) -> LawProblem:
-        """The error of the twin with such a law, over the motion to fit or the held-out one."""
+    def problem(
+        self, feature: Feature | None, smoothness: float, *, held: bool = False, twin: TwinModel | None = None
+    ) -> LawProblem:
+        """The error of the twin, or of another one, with such a law, over the motion to fit or the held-out one.
+
+        Without a feature it is that of the laws that are given, if any.
+        """
         assert self.reduced is not None
         assert self.actuator is not None
         variables = self.variables
         if held:
             variables = tuple(v for v in variables if not isinstance(v, OnsetVariable))
         return LawProblem(
-            self.reduced.twin,
+            twin or self.reduced.twin,
             self.held if held else self.pieces,
             variables,
             self.reduced.joints,
@@ -259,8 +267,10 @@ class JointSearch:
             joint=self.joint,
             actuator=self.actuator,
             tracks=self.tracks,
+            given=self.given,
             smoothness=smoothness,
             corrections=self.held_corrections if held else self.corrections,
+            threads=1 if feature or self.given else None,
         )
 
     # -- shapes --------------------------------------------------------------------------------------------
@@ -324,16 +334,9 @@ class JointSearch:
         """(n,) rad^2: mean over the joints of each held-out sample's squared error."""
         assert self.reduced is not None
         kept, moved = carried_over(self.variables, point, self.held)
-        if problem is None:
-            variables = [self.variables[i] for i in kept]
-            judge = Posterior(
-                twin or self.reduced.twin, moved, variables, self.reduced.joints, self.floor,
-                corrections=self.held_corrections, threads=None,
-            )  # fmt: skip
-            at = point[kept]
-        else:
-            judge = self.problem(problem.feature, problem.smoothness, held=True).shifted(moved)
-            at = np.concatenate([point[kept], point[problem.own :]])
+        feature, smoothness = (problem.feature, problem.smoothness) if problem else (None, 0.0)
+        judge = self.problem(feature, smoothness, held=True, twin=twin).shifted(moved)
+        at = np.concatenate([point[kept], point[len(self.variables) :]])
         residuals = [r[0] for r in judge.joint_residuals(at[None])]
         columns = [self.reduced.twin.joints.index(name) for name in self.reduced.joints]
         known = [np.isfinite(r.measured[:, columns]) for r in self.held]

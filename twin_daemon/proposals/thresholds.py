@@ -124,6 +124,7 @@ SPOKEN_SHARE = Threshold(0.1, "1", "of a memory's strongest element: weaker ones
 
 # -- what is proposed ----------------------------------------------------------------------------------------
 
+MOST_TERMS = Count(3, "laws", "at one joint: with more any curve is a sum of something")
 LEAST_GAIN = Threshold(0.15, "1", "of the held-out error: a law that takes less away is not proposed")
 NULL_DRAWS = Count(39, "draws", "of errors moved in time, so that nothing depends on anything")
 MOST_NULL = Threshold(0.05, "1", "of these that fit as well: with more, a law is not proposed")
