@@ -101,7 +101,11 @@ def test_a_proposal_is_added_like_any_effect(
 
 @pytest.mark.slow
 def test_a_notch_is_proposed_as_a_torque_over_the_angle(twin: TwinModel, recorded: Recorded) -> None:
-    (proposal,) = propose(twin, *recorded("notch", 8.0, 6.0), UNEXPLAINED, joints=["elbow"]).proposals
+    def further() -> Diagnosis:
+        raise AssertionError("nothing is left that two effects could account for")
+
+    found = propose(twin, *recorded("notch", 8.0, 6.0), UNEXPLAINED, joints=["elbow"], further=further)
+    (proposal,) = found.proposals
     assert (proposal.port, proposal.variables) == ("torque", ("position",))
     curve = np.interp([0.24, 0.36], proposal.curve.at, proposal.curve.value)
     assert curve[0] > 0.2  # N m, of 0.35 that were planted on either side of 0.3 rad
@@ -125,6 +129,16 @@ def test_a_servo_that_fades_is_proposed_as_its_gain_over_time(twin: TwinModel, r
     assert proposal.variables == ("time", "error")
     assert proposal.curve.value[-1] - proposal.curve.value[0] < -0.2
     assert proposal.holdout_gain > 0.5
+
+
+def test_what_laws_do_not_account_for_is_asked_of_several_effects_first(twin: TwinModel, recorded: Recorded) -> None:
+    def further() -> Diagnosis:
+        return Diagnosis.without_findings("explained", "dry friction and play")
+
+    found = propose(twin, *recorded("sound", 8.0, 6.0), UNEXPLAINED, joints=["elbow"], further=further)
+    assert found.verdict == "explained"
+    assert "dry friction and play" in found.reason
+    assert found.proposals == ()
 
 
 @pytest.mark.slow  # two searches, and each law again beside the other

@@ -54,6 +54,7 @@ def command(
     What holds on held-out motion is written as an effect file that twin add takes: a proposal, not a cause.
     With --since the law is searched beside that version's twin, where no change of it accounts for the error.
     """
+    from twin_daemon.diagnosis.verdict import Diagnosis
     from twin_daemon.proposals.propose import propose
     from twin_daemon.workflows import changes
 
@@ -64,8 +65,13 @@ def command(
     chosen = joint_names(session.twin, joints)
     began = time.perf_counter()
     train, held, notes = train_and_held(session, recorded, holdout, trajectory)
+
+    def diagnosis_of(most_effects: int | None) -> Diagnosis:
+        left = None if within is None else max(within - (time.perf_counter() - began), 1.0)
+        return diagnosed(session.twin, train, held, joints=chosen, seed=seed, most_effects=most_effects, within_s=left)
+
+    further = None
     if diagnosis is not None:
-        from twin_daemon.diagnosis.verdict import Diagnosis
         from twin_daemon.report.finished import read_result
 
         found = read_result(diagnosis, Diagnosis, "twin diagnose")
@@ -73,9 +79,9 @@ def command(
         earlier = changes.earlier_of(session, None, stored, trajectory)
         found = changes.diagnosed_since(session, recorded, held, earlier, joints, seed, within)[1]
     else:
-        found = diagnosed(session.twin, train, held, joints=chosen, seed=seed, within_s=within)
+        found, further = diagnosis_of(1), lambda: diagnosis_of(None)
     with streaming() as say:
-        result = propose(session.twin, train, held, found, joints=chosen, seed=seed, stream=say)
+        result = propose(session.twin, train, held, found, joints=chosen, seed=seed, stream=say, further=further)
     payload = {
         **result.model_dump(),
         "hand": session.hand.name,

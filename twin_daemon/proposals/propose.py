@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,7 +18,7 @@ from twin_daemon.effects.from_files import native as native_form
 from twin_daemon.effects.from_files.schema import STEEPEST_READING, steepest
 from twin_daemon.errors import BadInput
 from twin_daemon.estimation.partition import Reduction
-from twin_daemon.estimation.thresholds import Z95
+from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE, Z95
 from twin_daemon.processes import Say
 from twin_daemon.processor_time import TimeLimit
 from twin_daemon.proposals.proposal import Curve, Native, Nearest, Proposal, Proposals, Rival, Value
@@ -58,12 +58,16 @@ def propose(
     seed: int = 0,
     stream: Say | None = None,
     limit: TimeLimit | None = None,
+    further: Callable[[], Diagnosis] | None = None,
 ) -> Proposals:
     """The law that a diagnosis has not found: searched only where it says `unexplained`.
 
     With `joints` at each of them, else at the one whose error is worst over its floor. While that is above its floor
     with what was found, a further law is looked for beside it, up to three. Each proposal is written as an effect file
     into the state folder.
+
+    A diagnosis that has not asked for several effects at a joint may be given with what goes on to them: it does so
+    where laws do not account for all of the error, and what it finds then is the answer.
     """
     say, limit = stream or (lambda _: None), limit or TimeLimit()
     if found.verdict != "unexplained":
@@ -73,9 +77,10 @@ def propose(
         return Proposals(verdict=found.verdict, reason="no joint is above its floor")
     base, notes = _with_findings(twin, found, chosen)
     reduction = Reduction(base, train, holdout)
-    proposals: list[Proposal] = []
+    laws: list[FoundLaw] = []
     tried: list[Rival] = []
     reasons: list[str] = []
+    all_of_it = True
     for joint in chosen:
         part = next(g for g in drive_groups(base) if joint in g.joints)
         search = JointSearch(base, reduction, part, joint, train, holdout, seed=seed, say=say, limit=limit)
@@ -88,11 +93,21 @@ def propose(
         if search.within_floor:
             reasons.append(f"{joint} is at its floor: {search.times_floor:.1f} times it")
             continue
-        laws, why, rivals = _laws(search, found)
+        own, why, rivals = _laws(search, found)
         tried += rivals
-        proposals += [_proposal(one, found) for one in laws]
-        if not laws:
+        laws += own
+        all_of_it = all_of_it and bool(own) and own[-1].law.law.chi_square <= FLOOR_CHI_SQUARE
+        if not own:
             reasons.append(f"{joint}: {why}")
+    if further is not None and laws and all_of_it:
+        notes.append(
+            "several effects of the library at one joint were not asked for: what is proposed leaves its floor"
+        )
+    elif further is not None:
+        found = further()
+        if found.verdict != "unexplained":
+            return Proposals(verdict=found.verdict, reason=_closed(found), tried=tuple(tried))
+    proposals = [_proposal(one, found) for one in laws]
     if proposals:
         reason = "; ".join(f"{p.name}: {p.port} over {' x '.join(p.variables)} at {p.joints[0]}" for p in proposals)
     else:
