@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,18 +20,16 @@ from twin_daemon.estimation.partition import Reduction
 from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE, Z95
 from twin_daemon.processes import Say
 from twin_daemon.processor_time import TimeLimit
+from twin_daemon.proposals.joint_laws import FoundLaw, laws_of_joint
 from twin_daemon.proposals.proposal import Curve, Native, Nearest, Proposal, Proposals, Rival, Value
 from twin_daemon.proposals.refit import MEMORY_UNITS, RefittedLaw
-from twin_daemon.proposals.search import FittedLaw, JointSearch, Trial
+from twin_daemon.proposals.search import JointSearch
 from twin_daemon.proposals.thresholds import (
     LEAST_GAIN,
     LIBRARY_LEAVES,
     MOST_NULL,
-    MOST_SURE,
-    MOST_TERMS,
     NEAREST_SHOWN,
 )
-from twin_daemon.proposals.together import FoundLaw, by_description, fitted_together
 from twin_daemon.simulation.alignment import Aligned, moving_joints
 from twin_daemon.simulation.submodel import drive_groups
 from twin_daemon.simulation.terms import EffectTerm
@@ -62,9 +59,8 @@ def propose(
 ) -> Proposals:
     """The law that a diagnosis has not found: searched only where it says `unexplained`.
 
-    With `joints` at each of them, else at the one whose error is worst over its floor. While that is above its floor
-    with what was found, a further law is looked for beside it, up to three. Each proposal is written as an effect file
-    into the state folder.
+    With `joints` at each of them, else at the one whose error is worst over its floor. Each proposal is written as an
+    effect file into the state folder.
 
     A diagnosis that has not asked for several effects at a joint may be given with what goes on to them: it does so
     where laws do not account for all of the error, and what it finds then is the answer.
@@ -77,6 +73,10 @@ def propose(
         return Proposals(verdict=found.verdict, reason="no joint is above its floor")
     base, notes = _with_findings(twin, found, chosen)
     reduction = Reduction(base, train, holdout)
+
+    def refused(search: JointSearch, law: RefittedLaw) -> str:
+        return _refused(search, law, found)
+
     laws: list[FoundLaw] = []
     tried: list[Rival] = []
     reasons: list[str] = []
@@ -93,7 +93,7 @@ def propose(
         if search.within_floor:
             reasons.append(f"{joint} is at its floor: {search.times_floor:.1f} times it")
             continue
-        own, why, rivals = _laws(search, found)
+        own, why, rivals = laws_of_joint(search, refused)
         tried += rivals
         laws += own
         all_of_it = all_of_it and bool(own) and own[-1].law.law.chi_square <= FLOOR_CHI_SQUARE
@@ -115,37 +115,6 @@ def propose(
     return Proposals(
         verdict=found.verdict, reason=reason, proposals=tuple(proposals), tried=tuple(tried), notes=tuple(notes)
     )
-
-
-def _laws(search: JointSearch, found: Diagnosis) -> tuple[list[FoundLaw], str, list[Rival]]:
-    """(the laws of a joint, one found after another; why there is none; what else was tried for the first)."""
-
-    def refused(search: JointSearch, law: RefittedLaw) -> str:
-        return _refused(search, law, found)
-
-    laws: list[FoundLaw] = []
-    tried: list[Rival] = []
-    refusal = ""
-    while len(laws) < MOST_TERMS and not (laws and _accounts_for_it(laws)):
-        trials = search.trials()
-        leading = search.leading(trials)
-        tried = tried or _tried(search.joint, trials, leading)
-        law, leading, why = by_description(search, leading, refused)
-        if not laws:
-            refusal = why  # what is missing beside it may be why it does not hold: that is asked once
-        # what is left over the variable of a law that is known is the shape of its curve
-        if law is None or (laws and why) or law.law.feature.name in {one.law.law.feature.name for one in laws}:
-            break
-        laws.append(FoundLaw(search, law, _probability(leading)))
-        search = replace(search, given=tuple(one.given for one in laws))
-    if refusal and len(laws) < 2:
-        return [], refusal, tried
-    return fitted_together(laws, refused), refusal or "no law of them holds beside the others", tried
-
-
-def _accounts_for_it(laws: Sequence[FoundLaw]) -> bool:
-    """Whether no further law could take as much of the held-out error as one has to that is proposed."""
-    return laws[-1].law.law.mse_after < LEAST_GAIN * laws[0].law.law.mse_before
 
 
 def _closed(found: Diagnosis) -> str:
@@ -180,28 +149,6 @@ def _with_findings(twin: TwinModel, found: Diagnosis, chosen: Sequence[str]) -> 
         except BadInput:  # it stands only beside the others
             continue
     return twin, notes
-
-
-def _tried(joint: str, trials: Sequence[Trial], laws: Sequence[FittedLaw]) -> list[Rival]:
-    fitted = {law.feature.name: law for law in laws}
-    rows, said = [], {laws[0].feature.name}
-    for trial in trials:
-        if trial.feature.name in said:
-            continue
-        said.add(trial.feature.name)
-        law = fitted.get(trial.feature.name)
-        why = "other laws promise more" if law is None else f"{laws[0].nats - law.nats:.0f} nats behind the best"
-        rows.append(
-            Rival(
-                joint=joint,
-                port=trial.feature.port,
-                variables=trial.feature.variables,
-                linear_gain=trial.share,
-                holdout_gain=None if law is None else law.gain,
-                lost_because=why,
-            )
-        )
-    return rows
 
 
 def _refused(search: JointSearch, described: RefittedLaw, found: Diagnosis) -> str:
@@ -268,15 +215,6 @@ def _proposal(one: FoundLaw, found: Diagnosis) -> Proposal:
         experiment=_experiment(feature.over, feature.memory, file.visited),
         file=str(path),
     )
-
-
-def _probability(laws: Sequence[FittedLaw]) -> float:
-    """Of the best port and variables, among all laws that were fitted and none at all."""
-    best = laws[0]
-    nats = np.array([law.nats for law in laws] + [0.0])
-    shares = np.exp(nats - nats.max())
-    own = [law.feature.port == best.feature.port and law.feature.variables == best.feature.variables for law in laws]
-    return MOST_SURE * float(shares[:-1][own].sum() / shares.sum())
 
 
 def _nearest(found: Diagnosis, joint: str) -> tuple[Nearest, ...]:
