@@ -24,6 +24,10 @@ _LONG = {
     "python -m bench.conditions": "the diagnosis with another plant, worse sensors, less time; the time of each "
     "candidate ([page](conditions.md)); a quarter of an hour",
     "python -m bench.poor_motion": "what a diagnosis says where the motion shows little ([page](poor-motion.md))",
+    "python -m bench.closing_laws": (
+        "what the real hand's closing leaves: laws fitted to one half of it, judged on the other "
+        "([page](proposals.md#on-the-real-hands-closing))"
+    ),
     "python -m bench.wear": "recalibration of a hand that wears",
     "python -m bench.wear_named": (
         "weeks of wear drawn at random: when each is named, and what is named wrongly ([page](wear-named.md))"

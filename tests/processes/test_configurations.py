@@ -104,9 +104,7 @@ def test_states_arrive_and_commands_reach_the_hand(
     commands = (["arm", "--reason", "a test"], ["move", "rh_FFJ3=0.1"])
     for verb, *more in commands:
         until(lambda verb=verb, more=more: twin.run("command", verb, *more, "--as", "operator", who="operator")[0] == 0)
-    code, out, said = twin.run(
-        "record", "--seconds", "0.5", "-o", str(tmp_path / "it.mcap"), "--json", "-", who="viewer"
-    )
+    code, out, said = twin.run("record", "--seconds", "3", "-o", str(tmp_path / "it.mcap"), "--json", "-", who="viewer")
     assert code == 0, said
     assert json.loads(out)["messages"] > 0
     followed = re.search(r"(\d+) commands of others followed", twin.end(hand)[2])
