@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -51,10 +52,10 @@ def command(
 
     The recordings are diagnosed first; only where that ends 'unexplained' a law is searched, at the joint whose error
     is worst over its floor or at --joints. A torque, a change of the command and a change of the reading compete.
+    Several effects of the library at one place are asked for where the laws do not account for all of the error.
     What holds on held-out motion is written as an effect file that twin add takes: a proposal, not a cause.
     With --since the law is searched beside that version's twin, where no change of it accounts for the error.
     """
-    from twin_daemon.diagnosis.verdict import Diagnosis
     from twin_daemon.proposals.propose import propose
     from twin_daemon.workflows import changes
 
@@ -65,13 +66,10 @@ def command(
     chosen = joint_names(session.twin, joints)
     began = time.perf_counter()
     train, held, notes = train_and_held(session, recorded, holdout, trajectory)
-
-    def diagnosis_of(most_effects: int | None) -> Diagnosis:
-        left = None if within is None else max(within - (time.perf_counter() - began), 1.0)
-        return diagnosed(session.twin, train, held, joints=chosen, seed=seed, most_effects=most_effects, within_s=left)
-
+    ask = partial(diagnosed, session.twin, train, held, joints=chosen, seed=seed)
     further = None
     if diagnosis is not None:
+        from twin_daemon.diagnosis.verdict import Diagnosis
         from twin_daemon.report.finished import read_result
 
         found = read_result(diagnosis, Diagnosis, "twin diagnose")
@@ -79,7 +77,10 @@ def command(
         earlier = changes.earlier_of(session, None, stored, trajectory)
         found = changes.diagnosed_since(session, recorded, held, earlier, joints, seed, within)[1]
     else:
-        found, further = diagnosis_of(1), lambda: diagnosis_of(None)
+        asked = time.perf_counter()
+        found = ask(most_effects=1, within_s=within)
+        left_s = None if within is None else max(within - (time.perf_counter() - asked), 1.0)
+        further = partial(ask, within_s=left_s)
     with streaming() as say:
         result = propose(session.twin, train, held, found, joints=chosen, seed=seed, stream=say, further=further)
     payload = {
