@@ -13,6 +13,7 @@ import argparse
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import spearmanr
 
 from bench.frame import LeftOut
 from bench.machine import in_words, provenance
@@ -87,16 +88,11 @@ def where_it_is(twin: TwinModel, recording: Aligned, joints: list[str], turn_s: 
 def alike(recording: Aligned, joint: str, turn_s: float) -> str:
     """How far, by rank, a joint's angle goes with the time and with its finger's other angles while it closes."""
     before = recording.time_s < turn_s
-    own = _ranks(recording.states[before, recording.joints.index(joint)])
-    with_time = float(np.corrcoef(own, _ranks(recording.time_s[before]))[0, 1])
     finger = [name for name in recording.joints if name[:-1] == joint[:-1] and name != joint and name[-1] in "123"]
-    others = [_ranks(recording.states[before, recording.joints.index(name)]) for name in finger]
-    said = [f"{name} {float(np.corrcoef(own, other)[0, 1]):.3f}" for name, other in zip(finger, others, strict=True)]
-    return f"{joint} goes with the time by {with_time:.3f}, with {', '.join(said)}"
-
-
-def _ranks(values: np.ndarray) -> np.ndarray:
-    return np.argsort(np.argsort(values)).astype(float)
+    others = {"the time": recording.time_s} | {n: recording.states[:, recording.joints.index(n)] for n in finger}
+    own = recording.states[before, recording.joints.index(joint)]
+    said = [f"{name} {spearmanr(own, other[before])[0]:.3f}" for name, other in others.items()]
+    return f"{joint} goes with {', '.join(said)}"
 
 
 def main() -> None:

@@ -32,6 +32,10 @@ class GivenLaw:
     coefficients: np.ndarray
 
 
+Law = tuple[Feature, np.ndarray]
+"""A law at several points: its feature, and its coefficients (B, k) there."""
+
+
 class LawProblem(Posterior):
     """A problem whose last variables are the coefficients of one law: their unit coordinate 0.5 is none of it.
 
@@ -105,24 +109,23 @@ class LawProblem(Posterior):
 
     # -- roll-outs -----------------------------------------------------------------------------------------
 
-    def _laws(self, points: np.ndarray) -> list[GivenLaw]:
-        """All laws at points (B, p), each with coefficients (B, k): the given ones, and the problem's own."""
-        found = [GivenLaw(one.feature, np.tile(one.coefficients, (len(points), 1))) for one in self.given]
-        return [*found, GivenLaw(self.feature, self.coefficients(points))] if self.feature else found
+    def _laws(self, points: np.ndarray) -> list[Law]:
+        """All laws at points (B, p): the given ones, and the problem's own."""
+        found = [(one.feature, np.tile(one.coefficients, (len(points), 1))) for one in self.given]
+        return [*found, (self.feature, self.coefficients(points))] if self.feature else found
 
     def _predicted(self, points: np.ndarray) -> list[np.ndarray]:
         """As `predict`, with the laws at work; those of a reading say what is read, and move nothing."""
         laws = self._laws(points)
-        readings = [law for law in laws if law.feature.port == "reading"]
+        readings = [law for law in laws if law[0].port == "reading"]
         self._shift = None
         if readings:
-            at = [GivenLaw(law.feature, law.coefficients[:1]) for law in readings]
-            self._shift = np.array([self._misread_start(at, index) for index in range(len(self.recordings))])
+            self._shift = np.array([self._misread_start(readings, index) for index in range(len(self.recordings))])
         moved_by = points.copy()
         if self.feature and self.feature.port == "reading":
             moved_by[:, self.own :] = 0.5
-        distinct, place = np.unique(moved_by, axis=0, return_inverse=True)
-        acting = [law for law in self._laws(distinct) if law.feature.port != "reading"]
+        distinct, first, place = np.unique(moved_by, axis=0, return_index=True, return_inverse=True)
+        acting = [(feature, values[first]) for feature, values in laws if feature.port != "reading"]
         if acting:
             self.evaluations += len(distinct)
             moved = self._rolled(distinct, [self.candidate(point) for point in distinct], acting)
@@ -130,31 +133,35 @@ class LawProblem(Posterior):
             moved = super()._predicted(distinct)  # where it starts is the matter of what is read, too
         return [self._misread(index, found[place.ravel()], readings) for index, found in enumerate(moved)]
 
-    def _misread(self, index: int, angles: np.ndarray, readings: Sequence[GivenLaw]) -> np.ndarray:
+    def _misread(self, index: int, angles: np.ndarray, readings: Sequence[Law]) -> np.ndarray:
         """(B, n, k) what is read where the joints are at angles (B, n, k) of a piece."""
         if not readings:
             return angles
         column, time_s = self.objective.index(self.joint), self.recordings[index].time_s
         angle, out = angles[:, :, column], angles.copy()
-        for law in readings:
+        for feature, values in readings:
             x = angle
-            if law.feature.over != "position":
-                x = np.broadcast_to(self._exogenous(law.feature, index, time_s), angle.shape)
-            out[:, :, column] += law.feature.curve(law.coefficients, x)
+            if feature.over != "position":
+                x = np.broadcast_to(self._exogenous(feature, index, time_s), angle.shape)
+            out[:, :, column] += feature.curve(values, x)
         return out
 
-    def _misread_start(self, readings: Sequence[GivenLaw], index: int) -> float:
-        """How far from its reading the joint is where a piece begins, with laws of (1, k) coefficients."""
+    def _misread_start(self, readings: Sequence[Law], index: int) -> float:
+        """How far from its reading the joint is where a piece begins, as the first of several points has the laws."""
         start = float(self.recordings[index].start_position[self.twin.joints.index(self.joint)])
-        shift = 0.0
-        for _ in range(INVERTED):
-            over = [
-                start + shift if law.feature.over == "position"
-                else float(self._exogenous(law.feature, index, np.zeros(1))[0])
-                for law in readings
-            ]  # fmt: skip
-            both = zip(readings, over, strict=True)
-            shift = -sum(float(law.feature.curve(law.coefficients, np.array([[x]]))[0, 0]) for law, x in both)
+
+        def added(feature: Feature, values: np.ndarray, x: float) -> float:
+            return float(feature.curve(values[:1], np.array([[x]]))[0, 0])
+
+        over_angle = [law for law in readings if law[0].over == "position"]
+        beside = sum(
+            added(feature, values, float(self._exogenous(feature, index, np.zeros(1))[0]))
+            for feature, values in readings
+            if feature.over != "position"
+        )
+        shift = -beside
+        for _ in range(INVERTED if over_angle else 0):
+            shift = -beside - sum(added(feature, values, start + shift) for feature, values in over_angle)
         return shift
 
     def _begun(self, index, measurements):
@@ -175,9 +182,7 @@ class LawProblem(Posterior):
             return np.zeros_like(time_s)
         return np.interp(at, track.time_s, track.of_neighbour(feature.neighbour, feature.over))
 
-    def _rolled(
-        self, points: np.ndarray, candidates: Sequence[Candidate], acting: Sequence[GivenLaw]
-    ) -> list[np.ndarray]:
+    def _rolled(self, points: np.ndarray, candidates: Sequence[Candidate], acting: Sequence[Law]) -> list[np.ndarray]:
         twin, step_s = self.twin, float(self.twin.model.opt.timestep)
         order = sorted(range(len(self.recordings)), key=lambda i: -len(self._grids[i]))
         longest, width = len(self._grids[order[0]]), twin.model.nu + twin.model.nv
@@ -214,22 +219,22 @@ class LawProblem(Posterior):
                 steps.append(len(grid))
         count = len(candidates)
         models = [c.model for _ in order for c in candidates]
-        if any(law.feature.factor == "direction" for law in acting):
+        if any(feature.factor == "direction" for feature, _ in acting):
             models = [copy.copy(model) for model in models]  # each simulation has a friction of its own
         grid = np.arange(longest) * step_s
         feedback = [
             LawFeedback(
                 twin,
-                law.feature,
+                feature,
                 self.joint,
                 self.actuator,
                 models,
-                laws=np.tile(law.coefficients, (len(order), 1)),
-                memory=np.repeat([self._memory(law.feature, index) for index in order], count, axis=0),
+                laws=np.tile(values, (len(order), 1)),
+                memory=np.repeat([self._memory(feature, index) for index in order], count, axis=0),
                 piece_of=np.repeat(order, count),
-                exogenous=np.stack([self._exogenous(law.feature, i, grid) for i in range(len(order))]),
+                exogenous=np.stack([self._exogenous(feature, i, grid) for i in range(len(order))]),
             )
-            for law in acting
+            for feature, values in acting
         ]
         positions = roll_out_with_feedback(
             models,
