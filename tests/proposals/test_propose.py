@@ -13,7 +13,7 @@ import pytest
 from bench.foreign_laws import Law, record
 from tests.proposals.conftest import UNEXPLAINED
 from twin_daemon.cli.app import main
-from twin_daemon.diagnosis.verdict import Diagnosis
+from twin_daemon.diagnosis.verdict import Diagnosis, Trial
 from twin_daemon.effects.from_files import EffectFile, effect_of
 from twin_daemon.estimation.nuisances import nuisance_variables
 from twin_daemon.hand import load_hand
@@ -104,13 +104,37 @@ def test_a_notch_is_proposed_as_a_torque_over_the_angle(twin: TwinModel, recorde
     def further() -> Diagnosis:
         raise AssertionError("nothing is left that two effects could account for")
 
-    found = propose(twin, *recorded("notch", 8.0, 6.0), UNEXPLAINED, joints=["elbow"], further=further)
+    # with what is uncertain far off an effect may leave less on held-out motion than a law that is right
+    tried = UNEXPLAINED.model_copy(update={"tried": (_leaves(floors=400.0, held_out=1e-9),)})
+    found = propose(twin, *recorded("notch", 8.0, 6.0), tried, joints=["elbow"], further=further)
     (proposal,) = found.proposals
     assert (proposal.port, proposal.variables) == ("torque", ("position",))
     curve = np.interp([0.24, 0.36], proposal.curve.at, proposal.curve.value)
     assert curve[0] > 0.2  # N m, of 0.35 that were planted on either side of 0.3 rad
     assert curve[1] < -0.2
     assert proposal.holdout_gain > 0.7
+
+
+@pytest.mark.slow
+def test_a_law_is_no_news_where_an_effect_of_the_library_leaves_less_of_both(
+    twin: TwinModel, recorded: Recorded
+) -> None:
+    tried = UNEXPLAINED.model_copy(update={"tried": (_leaves(floors=0.1, held_out=1e-9),)})
+    found = propose(twin, *recorded("notch", 8.0, 6.0), tried, joints=["elbow"])
+    assert found.proposals == ()
+    assert "the library's sensor_offset leaves less" in found.reason
+
+
+def _leaves(*, floors: float, held_out: float) -> Trial:
+    return Trial(
+        effect="sensor_offset",
+        target="elbow",
+        evidence_nats=10.0,
+        fit_mse_rad2=1e-6,
+        holdout_mse_rad2=held_out,
+        left_times_floor=floors,
+        lost_because="leaves more than a right model may",
+    )
 
 
 @pytest.mark.slow

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from twin_daemon.diagnosis.candidates import Hypothesis
 from twin_daemon.diagnosis.conclude import Outcome
-from twin_daemon.diagnosis.fit import FirstFit, Start
+from twin_daemon.diagnosis.fit import FirstFit, Fit, Start
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.screening import Screening
 from twin_daemon.diagnosis.thresholds import (
@@ -116,14 +118,22 @@ def raced(screening: Screening, entered: Sequence[FirstFit]) -> list[FirstFit]:
 
 
 def lost(
-    hypothesis: Hypothesis, evidence: float, reason: str, mse: float | None = None, held: float | None = None
+    hypothesis: Hypothesis, evidence: float, reason: str, fit: Fit | None = None, held: float | None = None
 ) -> Trial:
-    """What is told of a candidate that was asked and is not the answer: its evidence in nats, and errors in rad^2."""
+    """What is told of a candidate that was asked and is not the answer: its evidence in nats, and what a fit leaves.
+
+    `held` is in rad^2.
+    """
+    mse, floors = None, None
+    if fit is not None:
+        mse = float(np.mean([(r**2).mean() for r in fit.problem.joint_residuals(fit.point[None])]))
+        floors = fit.cost / fit.problem.effective_samples
     return Trial(
         effect=hypothesis.effect.key,
         target=hypothesis.target,
         evidence_nats=evidence,
         fit_mse_rad2=mse,
         holdout_mse_rad2=held,
+        left_times_floor=floors,
         lost_because=reason,
     )

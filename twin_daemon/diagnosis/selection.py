@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from twin_daemon.diagnosis.conclude import Accepted, Outcome
 from twin_daemon.diagnosis.fit import FirstFit, Fit, stands_out
 from twin_daemon.diagnosis.limits import laws_at_limits, limits_of
@@ -174,8 +172,7 @@ def _told_apart(
             reason = f"explains less: {behind:.0f} nats behind"
         if evidence > DECISIVE_NATS and stands_out(fit):
             found.helpful.append(Accepted(part, fit, judged))
-        mse = float(np.mean([(r**2).mean() for r in fit.problem.joint_residuals(fit.point[None])]))
-        outcome.tried.append(lost(hypothesis, evidence, reason, mse, judged.mse_after))
+        outcome.tried.append(lost(hypothesis, evidence, reason, fit, judged.mse_after))
     return found
 
 

@@ -130,6 +130,8 @@ class Trial(_Said):
     """Error on what was fitted; None where it was not fitted to the end."""
     holdout_mse_rad2: float | None
     """Error on validation data; None where it was not tested."""
+    left_times_floor: float | None = None
+    """What it leaves of what was fitted, in floors, with the price of what is off beside it; None as above."""
     lost_because: str
     """Why it is no finding."""
 

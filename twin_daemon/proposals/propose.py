@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from twin_daemon.diagnosis.free_rollout import with_finding
-from twin_daemon.diagnosis.verdict import Diagnosis
+from twin_daemon.diagnosis.verdict import Diagnosis, Trial
 from twin_daemon.effects import reload_files
 from twin_daemon.effects.from_files import EffectFile, save_effect_file
 from twin_daemon.effects.from_files import native as native_form
@@ -23,7 +23,7 @@ from twin_daemon.processor_time import TimeLimit
 from twin_daemon.proposals.joint_laws import FoundLaw, laws_of_joint
 from twin_daemon.proposals.proposal import Curve, Native, Nearest, Proposal, Proposals, Rival, Value
 from twin_daemon.proposals.refit import MEMORY_UNITS, RefittedLaw
-from twin_daemon.proposals.search import JointSearch
+from twin_daemon.proposals.search import FittedLaw, JointSearch
 from twin_daemon.proposals.thresholds import (
     LEAST_GAIN,
     LIBRARY_LEAVES,
@@ -165,14 +165,24 @@ def _refused(search: JointSearch, described: RefittedLaw, found: Diagnosis) -> s
         return f"the best law ({law.feature.name}) takes {law.gain:.0%} of the held-out error away, too little"
     if (null := search.null_share(law.trial)) > MOST_NULL:
         return f"errors moved in time fit {law.feature.name} as well in {null:.0%} of draws"
-    known = [
-        (t.holdout_mse_rad2, t) for t in found.tried if t.holdout_mse_rad2 is not None and t.target == search.joint
-    ]
-    if known:
-        mse, best = min(known, key=lambda item: item[0])
-        if mse < LIBRARY_LEAVES * law.mse_after:
-            return f"the library's {best.effect} leaves less on held-out motion"
+    if (known := _library_leaves_less(search, law, found)) is not None:
+        return f"the library's {known.effect} leaves less, of this motion and of held-out motion"
     return ""
+
+
+def _library_leaves_less(search: JointSearch, law: FittedLaw, found: Diagnosis) -> Trial | None:
+    """An effect of the library at this joint that leaves clearly less of both motions than a law; None without one.
+
+    Of the fitted motion in floors, with the price of what is off beside it: with that far off, and on held-out motion
+    after a step of its values there, an effect that is wrong may leave less than a law that is right.
+    """
+    for trial in found.tried:
+        if trial.target != search.joint or trial.holdout_mse_rad2 is None or trial.left_times_floor is None:
+            continue
+        fitted = trial.left_times_floor < LIBRARY_LEAVES * law.chi_square
+        if fitted and trial.holdout_mse_rad2 < LIBRARY_LEAVES * law.mse_after:
+            return trial
+    return None
 
 
 def _proposal(one: FoundLaw, found: Diagnosis) -> Proposal:

@@ -129,7 +129,7 @@ LEAST_GAIN = Threshold(0.15, "1", "of the held-out error: a law that takes less 
 NULL_DRAWS = Count(39, "draws", "of errors moved in time, so that nothing depends on anything")
 MOST_NULL = Threshold(0.05, "1", "of these that fit as well: with more, a law is not proposed")
 LIBRARY_LEAVES = Threshold(
-    0.9, "1", "of a law's held-out error: where an effect of the library leaves less, it is no news"
+    0.9, "1", "of a law's error, fitted and held out: where an effect of the library leaves less of both, it is no news"
 )
 MOST_SURE = Threshold(
     0.95, "1", "probability of a law that nobody has tested on purpose, at most: something else may lie behind it"
