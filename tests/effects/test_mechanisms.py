@@ -53,11 +53,20 @@ def test_a_series_spring_adds_its_compliance_to_the_servos(smooth: TwinModel):
         assert shift == pytest.approx(0.4 / 10.0 + 0.4 / stiffness, rel=1e-3)
 
 
-@pytest.mark.parametrize("gap", [0.01, 0.06, 0.2])
+@pytest.mark.parametrize("gap", [1e-4, 3e-4, 0.01, 0.06, 0.2])
 def test_play_is_the_way_between_two_loads_beyond_what_the_servo_gives(smooth: TwinModel, gap: float):
     play = ("backlash", "rh_FFJ3", {"gap": gap})
     up, down = (_rest(smooth, ("spring", "rh_FFJ3", {"stiffness": 0.0, "preload": s * 0.2}), play) for s in (1, -1))
-    assert up - down == pytest.approx(gap + 2 * 0.2 / 10.0, abs=5e-4)
+    ends = 2 * 0.2 / 10.0 / 1000.0
+    assert up - down == pytest.approx(gap + 2 * 0.2 / 10.0 + ends, abs=min(0.05 * gap, 5e-4))
+
+
+@pytest.mark.parametrize("band", [1e-4, 3e-4, 0.01])
+def test_a_silent_band_is_the_way_between_two_loads_beyond_what_the_servo_gives(smooth: TwinModel, band: float):
+    silence = ("dead_zone", "rh_FFJ3", {"band": band})
+    up, down = (_rest(smooth, ("spring", "rh_FFJ3", {"stiffness": 0.0, "preload": s * 0.2}), silence) for s in (1, -1))
+    ends = 2 * 0.2 / 10.0 / 1000.0
+    assert up - down == pytest.approx(2.0 * band + 2 * 0.2 / 10.0 + ends, abs=min(0.1 * band, 5e-4))
 
 
 def test_play_and_elasticity_at_one_motor_add_up(smooth: TwinModel):

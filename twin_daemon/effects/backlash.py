@@ -16,6 +16,7 @@ from twin_daemon.effects.transmission import MOTOR_SHARE, implicit_spring, motor
 _STIFF = 1000.0  # the ends of the gap over the servo
 _LOSS_STEPS = 5.0  # damping over stiffness at these ends, in time steps: they meet without rebound
 _OVERLAP = 5e-4  # rad: each end begins this early, so that a closed gap is held from both sides at once
+_OPENS = 1e-5  # rad or m: a gap of some times this is open, and as wide as it says
 _CLOSED = 1e-9  # rad: MuJoCo wants an upper limit above the lower one
 
 
@@ -77,7 +78,7 @@ class Backlash(Effect):
             spec.delete(tie)
         tendon = spec.tendon(link.tendon)
         gap = values["gap"]
-        half = 0.5 * gap + _OVERLAP * gap / (gap + 2.0 * _OVERLAP) + _CLOSED
+        half = 0.5 * gap - _OVERLAP * float(np.expm1(-gap / _OPENS)) + _CLOSED
         tendon.range = np.array([-half, half])
         tendon.limited = mujoco.mjtLimited.mjLIMITED_TRUE
         tendon.margin = _OVERLAP

@@ -17,6 +17,7 @@ _LOSS_STEPS = 0.2  # damping over stiffness at these ends, in time steps: they a
 _LIGHT = 0.2  # inertia of what yields within the band, over what the servo moves in one time step
 _NEVER = 1e3  # rad: an error that no servo has
 _OVERLAP = 5e-4  # rad: each end begins this early, so that a closed band is held from both sides at once
+_OPENS = 1e-5  # rad or m: a band of some times this is open, and as wide as it says
 _CLOSED = 1e-9  # rad: MuJoCo wants an upper limit above the lower one
 
 
@@ -49,7 +50,7 @@ def silent_within(spec: Any, place: Place, band: float) -> None:
     joint.solref_friction, joint.solimp_friction = implicit_step(step, 1.0 / joint.armature, 0.0, step * stiffness)
     ends = _STIFF * stiffness
     joint.solref_limit, joint.solimp_limit = implicit_step(step, 1.0 / joint.armature, ends, _LOSS_STEPS * step * ends)
-    half = band + _OVERLAP * band / (band + _OVERLAP) + _CLOSED
+    half = band - _OVERLAP * float(np.expm1(-band / _OPENS)) + _CLOSED
     joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
     joint.range, joint.margin = np.array([-half, half]), _OVERLAP
     tendon = spec.add_tendon(name=f"{place.actuator}_with_silence")
