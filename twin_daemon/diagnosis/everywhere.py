@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from twin_daemon.diagnosis.all_servos import of_all_servos
 from twin_daemon.diagnosis.as_fitted import looked_at_again
 from twin_daemon.diagnosis.common_delay import within_a_cycle
@@ -118,13 +120,14 @@ def _off_the_same_way(looked_at: Sequence[tuple[Reduced, PartFit]], kind: str) -
     """Whether the nominal values of a kind ("kp", "damping", ...) are off by more than each on its own may be.
 
     A delay is one value for all, whatever each group says of it: their mean is no better known than one of them, and
-    many agree on any.
+    many agree on any. What is further off than a value of any hand is one group's own, and counts as that far.
     """
     found = [sigma for _, part in looked_at for name, sigma in part.base.deviations.items() if kind in name.split(".")]
     if len(found) < 2:
         return False
     most = COMMON_DELAY_SIGMA if kind == _DELAY else DEVIATING_SIGMA / len(found) ** 0.5
-    return abs(sum(found)) / len(found) > most
+    own = [float(np.clip(sigma, -DEVIATING_SIGMA, DEVIATING_SIGMA)) for sigma in found]
+    return abs(sum(own)) / len(own) > most
 
 
 def with_everywhere(group: Reduced, finding: Finding) -> Reduced:
