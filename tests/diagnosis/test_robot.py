@@ -9,10 +9,12 @@ import pytest
 from tests.diagnosis.conftest import called, said_of_case
 from tests.diagnosis.rig import DELAY_S, LAZY, SERVOS, changed_rig, late_rig
 from twin_daemon.cli.app import main
-from twin_daemon.diagnosis.group import at_nominal
+from twin_daemon.diagnosis import everywhere
+from twin_daemon.diagnosis.group import at_nominal, look
 from twin_daemon.diagnosis.search import diagnose
 from twin_daemon.diagnosis.shared import SharedSearch
 from twin_daemon.diagnosis.shared_cause import SharedCause
+from twin_daemon.diagnosis.thresholds import DEVIATING_SIGMA
 from twin_daemon.effects import LIBRARY
 from twin_daemon.errors import BadInput
 from twin_daemon.estimation.partition import Reduction
@@ -184,6 +186,27 @@ def test_a_friction_that_sticks_and_one_that_creeps_are_both_fitted_at_all_joint
     best = min(fitted, key=lambda fit: fit.cost)
     assert best.values["sticking"] == 0.0
     assert best.values["share"] == pytest.approx(5.0, rel=0.1)
+
+
+def test_what_one_servo_alone_is_off_by_asks_for_no_cause_of_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model, bag, _ = changed_rig(tmp_path, "armature", {"armature": 0.012}, target="left", noise_rad=1e-3)
+    session = open_session(None, model, version=None, terms=None, joint_map=None)
+    train = session.recordings([bag], None)
+    reduction = Reduction(session.twin, train, ())
+    groups = [reduction.of(session.twin, group, group.joints) for group in drive_groups(session.twin)]
+    looked_at = [look(group) for group in groups if group]
+    off = [part.base.deviations[f"{part.joints[0]}.armature"] for _, part in looked_at]
+    assert max(off) > 2.0 * DEVIATING_SIGMA  # so far that the mean of the three is far off as well
+    assert sum(off) > len(off) ** 0.5 * DEVIATING_SIGMA
+    assert all(part.within_floor for _, part in looked_at)
+
+    def asked(*_: object) -> None:
+        raise AssertionError("a cause of all servos was looked for")
+
+    monkeypatch.setattr(everywhere, "SharedSearch", asked)
+    assert everywhere.in_common(session.twin, reduction, looked_at, 0, print) is None
 
 
 @pytest.mark.slow
