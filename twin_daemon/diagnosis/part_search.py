@@ -19,7 +19,6 @@ from twin_daemon.diagnosis.selection import next_effect
 from twin_daemon.diagnosis.thresholds import (
     ADEQUATE_FLOORS,
     COMPARABLE,
-    DECISIVE_NATS,
     DEVIATING_SIGMA,
     FINALISTS,
     FULL_FIT_ROLLOUTS,
@@ -154,9 +153,9 @@ class PartSearch:
         return found
 
     def questioned(self, better: Fit) -> PartSearch | None:
-        """The search of the same part with its nuisances from where a fit has them; None where they end no lower."""
+        """The search of the same part, its nuisances from where a fit has them; None where they end hardly lower."""
         part = PartFit(self.part.twin, self.part.recordings, self.part.joints, after=better)
-        lower = part.base.cost < self.part.base.cost - 2.0 * DECISIVE_NATS
+        lower = part.base.cost < self.part.base.cost - 2.0 * decisive(self.part.base)
         return replace(self, part=part) if lower else None
 
     def as_it_is(self) -> Outcome:
