@@ -46,7 +46,7 @@ class Progress:
     """How far the search of a part has come: its outcome so far, and the part with what was found.
 
     `left` (k,) are the floors that it leaves of the fitted motion, `enough` says that a right law leaves no less, and
-    `ended` that nothing asks for a further effect, or none helps.
+    `ended` that nothing asks for a further effect, or none helps. `declined` is what helped and only bends a law.
     """
 
     outcome: Outcome
@@ -55,6 +55,7 @@ class Progress:
     left: np.ndarray
     enough: bool = False
     ended: bool = False
+    declined: Accepted | None = None
 
 
 @dataclass(frozen=True)
@@ -134,8 +135,10 @@ class PartSearch:
         for beginning in begins:
             named = beginning.hypothesis.name
             self.say(f"  once more, with {named} first")
+            # beside the one effect that there is it is known already what helps
+            known = progress.declined if found.names == {beginning.hypothesis.name} else None
             other = self._further(
-                self._nothing_yet(), beginning, self.most_effects, against=against, may_leave=may_leave
+                self._nothing_yet(), beginning, self.most_effects, against=against, may_leave=may_leave, known=known
             )
             other.outcome.tried = [*found.tried, *other.outcome.tried]
             reached[named] = other.outcome.accepted[-1].fit
@@ -177,16 +180,20 @@ class PartSearch:
         *,
         against: Fit | None = None,
         may_leave: float | np.ndarray = np.inf,
+        known: Accepted | None = None,
     ) -> Progress:
         """More effects until the part is at the floor, or none helps, or it has so many.
 
-        With the first one given, if there is a `step`. What is to stand `against` another fit of the part is given up
-        where it does not promise to leave much less, and has to leave no more than it `may_leave` (k,) floors.
+        With the first one given, if there is a `step`, and the next one where it is `known`. What is to stand `against`
+        another fit of the part is given up where it does not promise to leave much less, and has to leave no more than
+        it `may_leave` (k,) floors.
         """
         outcome, gone = progress.outcome, set[str]()
         try:
             while not progress.ended and len(outcome.accepted) < most_effects:
-                if step is None:
+                if step is None and known is not None:
+                    step, known = known if against and known.fit.cost <= MOST_OF_IT * against.cost else None, None
+                elif step is None:
                     step = next_effect(
                         progress.part,
                         progress.validation,
@@ -198,7 +205,7 @@ class PartSearch:
                     )
                 # what has given way to others is no further effect beside them
                 if step is None or step.hypothesis.name in gone or _is_refinement(self.part, progress, step.fit):
-                    progress.ended = True
+                    progress.declined, progress.ended = step, True
                     break
                 before = {*outcome.names, step.hypothesis.name}
                 part, validation, left = self._with(step, outcome, progress.validation)
