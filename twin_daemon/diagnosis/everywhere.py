@@ -126,8 +126,7 @@ def _off_the_same_way(looked_at: Sequence[tuple[Reduced, PartFit]], kind: str) -
     if len(found) < 2:
         return False
     most = COMMON_DELAY_SIGMA if kind == _DELAY else DEVIATING_SIGMA / len(found) ** 0.5
-    own = [float(np.clip(sigma, -DEVIATING_SIGMA, DEVIATING_SIGMA)) for sigma in found]
-    return abs(sum(own)) / len(own) > most
+    return abs(float(np.clip(found, -DEVIATING_SIGMA, DEVIATING_SIGMA).mean())) > most
 
 
 def with_everywhere(group: Reduced, finding: Finding) -> Reduced:

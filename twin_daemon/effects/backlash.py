@@ -11,13 +11,10 @@ import numpy as np
 from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Seen, Story
 from twin_daemon.effects.edits import servo_stiffness
 from twin_daemon.effects.silence import brakes_itself, separate_derivative, silent_within
-from twin_daemon.effects.transmission import MOTOR_SHARE, implicit_spring, motor_side
+from twin_daemon.effects.transmission import MOTOR_SHARE, OVERLAP, implicit_spring, motor_side, moved_out
 
 _STIFF = 1000.0  # the ends of the gap over the servo
 _LOSS_STEPS = 5.0  # damping over stiffness at these ends, in time steps: they meet without rebound
-_OVERLAP = 5e-4  # rad: each end begins this early, so that a closed gap is held from both sides at once
-_OPENS = 1e-5  # rad or m: a gap of some times this is open, and as wide as it says
-_CLOSED = 1e-9  # rad: MuJoCo wants an upper limit above the lower one
 
 
 class Backlash(Effect):
@@ -78,10 +75,10 @@ class Backlash(Effect):
             spec.delete(tie)
         tendon = spec.tendon(link.tendon)
         gap = values["gap"]
-        half = 0.5 * gap - _OVERLAP * float(np.expm1(-gap / _OPENS)) + _CLOSED
+        half = 0.5 * gap + moved_out(gap)
         tendon.range = np.array([-half, half])
         tendon.limited = mujoco.mjtLimited.mjLIMITED_TRUE
-        tendon.margin = _OVERLAP
+        tendon.margin = OVERLAP
         tendon.solref_limit, tendon.solimp_limit = solref, solimp
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:

@@ -9,16 +9,13 @@ import numpy as np
 
 from twin_daemon.effects.base import Place, silent_joint
 from twin_daemon.effects.edits import add_passive_motor, servo_damping, servo_stiffness
-from twin_daemon.effects.transmission import implicit_step, pulled_joints
+from twin_daemon.effects.transmission import OVERLAP, implicit_step, moved_out, pulled_joints
 from twin_daemon.errors import BadInput
 
 _STIFF = 1000.0  # the ends of the band over the servo
 _LOSS_STEPS = 0.2  # damping over stiffness at these ends, in time steps: they are met without rebound
 _LIGHT = 0.2  # inertia of what yields within the band, over what the servo moves in one time step
 _NEVER = 1e3  # rad: an error that no servo has
-_OVERLAP = 5e-4  # rad: each end begins this early, so that a closed band is held from both sides at once
-_OPENS = 1e-5  # rad or m: a band of some times this is open, and as wide as it says
-_CLOSED = 1e-9  # rad: MuJoCo wants an upper limit above the lower one
 
 
 def silent_within(spec: Any, place: Place, band: float) -> None:
@@ -50,9 +47,9 @@ def silent_within(spec: Any, place: Place, band: float) -> None:
     joint.solref_friction, joint.solimp_friction = implicit_step(step, 1.0 / joint.armature, 0.0, step * stiffness)
     ends = _STIFF * stiffness
     joint.solref_limit, joint.solimp_limit = implicit_step(step, 1.0 / joint.armature, ends, _LOSS_STEPS * step * ends)
-    half = band - _OVERLAP * float(np.expm1(-band / _OPENS)) + _CLOSED
+    half = band + moved_out(band)
     joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
-    joint.range, joint.margin = np.array([-half, half]), _OVERLAP
+    joint.range, joint.margin = np.array([-half, half]), OVERLAP
     tendon = spec.add_tendon(name=f"{place.actuator}_with_silence")
     for name, coefficient in driven.items():
         tendon.wrap_joint(name, coefficient)

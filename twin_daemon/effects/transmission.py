@@ -20,6 +20,10 @@ from twin_daemon.effects.base import Parameter, Place, link_tendon, motor_joint
 from twin_daemon.effects.edits import keep_softness, linear
 
 _SMALLEST = 1e-6  # kg m2: a motor with less would not be a body to MuJoCo
+OVERLAP = 5e-4
+"""rad or m: so early begin the ends of a gap, so that a closed one is held from both sides at once."""
+_OPENS = 1e-5  # rad or m: a gap of ten times this is open, and as wide as it says
+_CLOSED = 1e-9  # rad or m: MuJoCo wants an upper limit above the lower one
 
 
 @dataclass(frozen=True)
@@ -135,6 +139,14 @@ def implicit_step(h: float, inverse_inertia: float, stiffness: float, damping: f
     impedance = np.clip(1.0 / (1.0 + 1.0 / (h * c * inverse_inertia)), 1e-4, 0.9999)
     solref = -impedance * np.array([stiffness / (h * c), 1.0 / h])
     return solref, np.array([impedance, impedance, 0.001, 0.5, 2.0])
+
+
+def moved_out(width: float) -> float:
+    """How far beyond each end of a gap its limit lies, which begins `OVERLAP` before: all of that where it is open.
+
+    Both in rad or m. The ends of a closed gap, whose width is 0, overlap.
+    """
+    return _CLOSED - OVERLAP * float(np.expm1(-width / _OPENS))
 
 
 def _dof(model: Any, joint: str) -> int:
