@@ -9,12 +9,14 @@ import pytest
 
 from tests.diagnosis.conftest import said_of_case
 from tests.simulation.made import Motion, recorded
-from twin_daemon.diagnosis.group import at_nominal
+from twin_daemon.diagnosis.everywhere import behind_all
+from twin_daemon.diagnosis.group import at_nominal, look
+from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.shared import SharedSearch
 from twin_daemon.diagnosis.shared_cause import SharedCause, shared_causes
 from twin_daemon.diagnosis.shared_pair import SharedPair
 from twin_daemon.effects import LIBRARY
-from twin_daemon.estimation.partition import Reduction
+from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.hand import load_hand
 from twin_daemon.places import HAND, ROBOT
 from twin_daemon.simulation.alignment import align
@@ -30,35 +32,45 @@ _LINK = """<body name="{0}_link" pos="{1} 0 0"><joint name="{0}" axis="0 1 0" ra
 _SERVO = '<position name="{0}" joint="{0}" kp="{1}" kv="{2}" ctrlrange="-2 2" forcerange="-30 30"/>'
 
 
-def _arm(folder: Path) -> TwinModel:
-    links = "".join(_LINK.format(name, 0.3 if i else 0.0) for i, name in enumerate(JOINTS))
-    servos = "".join(_SERVO.format(name, kp, 0.05 * kp) for name, kp in zip(JOINTS, (2000, 1000, 500), strict=True))
+def _arm(folder: Path, *beside: str) -> TwinModel:
+    """An arm, and single joints beside it that carry none of it."""
+    links = "".join(_LINK.format(name, 0.3 if i else 0.0) for i, name in enumerate(JOINTS)) + "</body>" * len(JOINTS)
+    links += "".join(_LINK.format(name, -1.0) + "</body>" for name in beside)
+    strengths = dict(zip((*JOINTS, *beside), (2000, 1000, 500, *(1000 for _ in beside)), strict=True))
+    servos = "".join(_SERVO.format(name, kp, 0.05 * kp) for name, kp in strengths.items())
     path = folder / "arm.xml"
     path.write_text(
         '<mujoco model="arm"><compiler angle="radian"/><option timestep="0.002" integrator="implicitfast"/>'
-        f"<worldbody>{links}{'</body>' * len(JOINTS)}</worldbody><actuator>{servos}</actuator></mujoco>"
+        f"<worldbody>{links}</worldbody><actuator>{servos}</actuator></mujoco>"
     )
     return TwinModel.load(load_hand(model=path))
 
 
-def _search(twin: TwinModel, *hidden: EffectTerm, noise_rad: float = 3e-5) -> SharedSearch:
-    """The search of an arm with hidden loads, each joint a group of its own."""
+def _groups(
+    twin: TwinModel, *hidden: EffectTerm, noise_rad: float = 3e-5
+) -> tuple[Reduction, list[tuple[Reduced, PartFit]]]:
+    """(the motion of an arm with hidden loads, each of its joints as a group of its own)."""
     times = [0.0, 0.5, 1.0, 2.0, 2.5, 3.5, 4.0, 5.0, 6.0]
     moves: Motion = {
         joint: (times, [0.0, 0.0, *(0.5 * (-1) ** (i // (n + 1)) for i in range(6)), 0.0])
-        for n, joint in enumerate(JOINTS)
+        for n, joint in enumerate(sorted(twin.joints, key=lambda joint: (*JOINTS, joint).index(joint)))
     }
     plant = twin.changed(Terms(effects=hidden))
     made = align(twin, recorded(plant, moves, np.random.default_rng(3), seconds=6.0, noise_rad=noise_rad))
     reduction = Reduction(twin, [made], [made])
     cut = [reduction.of(twin, group, group.joints) for group in drive_groups(twin)]
-    return SharedSearch(twin, reduction, [at_nominal(reduced) for reduced in cut if reduced is not None])
+    return reduction, [at_nominal(reduced) for reduced in cut if reduced is not None]
+
+
+def _search(twin: TwinModel, *hidden: EffectTerm, noise_rad: float = 3e-5) -> SharedSearch:
+    reduction, groups = _groups(twin, *hidden, noise_rad=noise_rad)
+    return SharedSearch(twin, reduction, groups)
 
 
 def test_a_load_that_a_light_one_says_too_much_of_begins_at_less(tmp_path: Path) -> None:
     """A servo that it brings to its limit of torque falls behind out of proportion."""
-    search = _search(_arm(tmp_path), EffectTerm(effect="payload", target="wrist", values={"mass": LOAD_KG, "at": 1.0}))
-    cause = SharedCause(LIBRARY["payload"], "wrist")
+    search = _search(_arm(tmp_path), EffectTerm(effect="payload", target="elbow", values={"mass": LOAD_KG, "at": 1.0}))
+    cause = SharedCause(LIBRARY["payload"], "elbow")
     (begun,) = search.begun(cause)
     nothing = search.at(cause, {"mass": 0.0, "at": 1.0})
     assert begun.cost < 0.2 * nothing.cost
@@ -74,6 +86,19 @@ def test_a_share_that_all_joints_have_more_of_is_fitted_to_its_end(tmp_path: Pat
     found, _ = search.fitted(begun)
     assert found.values["share"] == pytest.approx(6.0, rel=0.1)
     assert found.cost < 0.1 * begun.cost
+
+
+def test_a_load_is_looked_for_where_those_feel_it_that_leave_much(tmp_path: Path) -> None:
+    """A joint that does not carry it may be looked at as well, for the little that it leaves."""
+    twin = _arm(tmp_path, "beside")
+    load = EffectTerm(effect="payload", target="wrist", values={"mass": 0.1, "at": 0.5})
+    reduction, begun = _groups(twin, load, noise_rad=1e-4)
+    groups = [look(reduced) if "beside" in part.joints else (reduced, part) for reduced, part in begun]
+    found, _ = behind_all(twin, reduction, groups, 2 * len(groups), 0, lambda _: None)
+    assert found is not None
+    assert found.finding.name == "payload:wrist"
+    assert found.finding.values["mass"] == pytest.approx(0.1, rel=0.2)
+    assert {joint for _, part in found.looked_at for joint in part.joints} == set(JOINTS)
 
 
 def test_a_pair_keeps_the_values_of_its_two_loads_apart(tmp_path: Path) -> None:

@@ -382,3 +382,21 @@ def test_a_proportional_gain_that_was_set_is_a_weaker_servo_that_keeps_its_deriv
     np.testing.assert_allclose(tired.model.actuator_biasprm, 0.6 * twin.model.actuator_biasprm)
     low, high = effect.bounds(twin.scale("a"))["derivative"]
     assert (low < high) == has
+
+
+@pytest.mark.parametrize("inertial", ["", '<inertial pos="0.15 0 0" mass="0.2" diaginertia="1e-4 2e-3 2e-3"/>'])
+def test_a_load_hangs_at_the_end_of_the_last_link_whoever_states_its_mass(tmp_path: Path, inertial: str):
+    """A servo of 40 N m/rad gives way by 0.1 kg at 0.3 m, whether the link's mass is stated or that of its shapes."""
+    path = tmp_path / "arm.xml"
+    path.write_text(
+        f"""<mujoco><compiler angle="radian"/><option timestep="0.002" integrator="implicitfast"/><worldbody>
+        <body name="link"><joint name="joint" axis="0 1 0" range="-2 2" damping="2" armature="0.1"/>{inertial}
+        <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02" mass="0.2"/></body></worldbody>
+        <actuator><position name="joint" joint="joint" kp="40" kv="1" ctrlrange="-2 2"/></actuator></mujoco>"""
+    )
+    twin = TwinModel.load(load_hand(model=path))
+    loaded = twin.changed(
+        Terms(effects=(EffectTerm(effect="payload", target="joint", values={"mass": 0.1, "at": 1.0}),))
+    )
+    rests = [float(move(one, np.zeros((1500, 1)))[-1, 0]) for one in (twin, loaded)]
+    assert rests[1] - rests[0] == pytest.approx(0.1 * 9.81 * 0.3 / 40, rel=0.01)

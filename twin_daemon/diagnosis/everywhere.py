@@ -11,6 +11,7 @@ from twin_daemon.diagnosis.all_servos import of_all_servos
 from twin_daemon.diagnosis.as_fitted import looked_at_again
 from twin_daemon.diagnosis.common_delay import within_a_cycle
 from twin_daemon.diagnosis.conclude import Outcome
+from twin_daemon.diagnosis.far_off import deviating
 from twin_daemon.diagnosis.floor_check import within_floor
 from twin_daemon.diagnosis.group import look
 from twin_daemon.diagnosis.part_fit import PartFit
@@ -62,10 +63,14 @@ def behind_all(
 ) -> tuple[Shared | None, EffectTerm | None]:
     """(one cause behind all groups above the floor, a load that may be one of several things wrong with them).
 
-    One cause is cheaper than one each, so it is tried first. Beside one of several the search of all begins.
+    One cause is cheaper than one each, so it is tried first. Beside one of several the search of all begins. A load is
+    looked for where all feel it that are plainly above the floor: others may have been told a wrong motion of these.
     """
-    joints = [reduced.joints for reduced, _ in above]
-    causes = shared_causes(twin, joints, everywhere=2 * len(above) > groups)
+    everywhere = 2 * len(above) > groups
+    plainly = [one for one in above if not one[1].within_floor or deviating(one[1])]
+    if not everywhere and len(plainly) > 1:
+        above = plainly
+    causes = shared_causes(twin, [reduced.joints for reduced, _ in above], everywhere=everywhere)
     search = SharedSearch(twin, reduction, above)
     found = search.best(causes, seed)
     if found is not None and found.one_of_several:

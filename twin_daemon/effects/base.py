@@ -26,6 +26,7 @@ class Place:
 
     `driven` are the MJCF joints that the actuator moves (two for an underactuated finger's J0). `inertia` is what the
     joint has of links in the model's first pose while all others are free, beside its armature, kg m^2 (kg of a slide).
+    The joint's link ends at `end` (m), in the frame of the body `end_body`.
     """
 
     target: str
@@ -35,6 +36,8 @@ class Place:
     tendon: str | None = None
     driven: tuple[str, ...] = ()
     inertia: float = 0.0
+    end_body: str | None = None
+    end: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 def motor_joint(place: Place) -> str:

@@ -35,10 +35,9 @@ class Payload(Effect):
     confusable = ("spring", "gravity_tilt", "armature", "actuator_gain")
 
     def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:
-        link = spec.joint(place.joint).parent
         mass = values["mass"] + _TINY
-        carrier, end = far_end(link)
-        load = carrier.add_body(name=f"{place.joint}_payload", pos=values["at"] * end)
+        carrier = spec.body(place.end_body)
+        load = carrier.add_body(name=f"{place.joint}_payload", pos=values["at"] * np.array(place.end))
         load.explicitinertial = True
         load.mass = mass
         load.ipos = np.zeros(3)  # not the default, which MuJoCo takes for "unknown" and would not save
@@ -47,14 +46,3 @@ class Payload(Effect):
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
         # bends the joint by 10 and by 50 mrad at an arm of 5 cm, within what such hands carry
         return tuple({"at": 1.0, "mass": min(sag * scale.kp / (9.81 * 0.05), 50.0)} for sag in (0.01, 0.05))
-
-
-def far_end(link: Any) -> tuple[Any, np.ndarray]:
-    """(body, (3,) m): where a link ends. A knuckle that is one point ends where the link that it carries does."""
-    children = list(link.bodies)
-    away = [np.asarray(child.pos, float) for child in children if np.linalg.norm(child.pos) > 1e-6]
-    if away:
-        return link, np.mean(away, axis=0)
-    if children:
-        return far_end(children[0])
-    return link, 2.0 * np.asarray(link.ipos, float) if link.explicitinertial else np.zeros(3)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import mujoco
+import numpy as np
 
 from twin_daemon.simulation.radians import in_radians
 
@@ -48,6 +49,20 @@ def driven_joints(model: mujoco.MjModel, actuator: int) -> list[tuple[int, float
         joints = [w for w in wraps if model.wrap_type[w] == mujoco.mjtWrap.mjWRAP_JOINT]
         return [(int(model.wrap_objid[w]), gear * float(model.wrap_prm[w])) for w in joints]
     return []
+
+
+def far_end(model: mujoco.MjModel, body: int) -> tuple[int, np.ndarray]:
+    """(body, (3,) m in its frame): where a link ends. One that is a single point ends where the link it carries does.
+
+    The last link of a chain is as far again as its centre of mass.
+    """
+    children = np.flatnonzero(model.body_parentid == body)
+    away = [child for child in children if np.linalg.norm(model.body_pos[child]) > 1e-6]
+    if away:
+        return body, model.body_pos[away].mean(axis=0)
+    if children.size:
+        return far_end(model, int(children[0]))
+    return body, 2.0 * model.body_ipos[body]
 
 
 def make_inertia_explicit(body: Any, compiled: Any) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -18,7 +18,7 @@ from twin_daemon.hand.description import Hand
 from twin_daemon.hand.naming import match
 from twin_daemon.places import HAND, ROBOT
 from twin_daemon.processes import never_changes
-from twin_daemon.simulation.model_elements import driven_joints, make_inertia_explicit, prepare
+from twin_daemon.simulation.model_elements import driven_joints, far_end, make_inertia_explicit, prepare
 from twin_daemon.simulation.parameters import KINDS, ParameterKind
 from twin_daemon.simulation.selfcontained import inline_meshes
 from twin_daemon.simulation.terms import EffectTerm, Terms
@@ -218,15 +218,23 @@ class TwinModel:
 
     def _place(self, name: str, joint: str | None, actuator: int | None) -> Place:
         model, inertia, tendon = self.base_model, 0.0, None
+        end_body: str | None = None
+        end = np.zeros(3)
         if joint is not None:
             dof = int(model.joint(joint).dofadr[0])
             inertia = max(1.0 / float(model.dof_invweight0[dof]) - float(model.dof_armature[dof]), 0.0)
+            carrier, end = far_end(model, int(model.joint(joint).bodyid[0]))
+            end_body = model.body(carrier).name
+        found = Place(
+            name, joint, inertia=inertia, end_body=end_body, end=(float(end[0]), float(end[1]), float(end[2]))
+        )
         if actuator is None:
-            return Place(target=name, joint=joint, inertia=inertia)
+            return found
         if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_TENDON:
             tendon = model.tendon(int(model.actuator_trnid[actuator, 0])).name
         driven = tuple(model.joint(j).name for j, _ in driven_joints(model, actuator))
-        return Place(name, joint, model.actuator(actuator).name, self.actuators[actuator], tendon, driven, inertia)
+        servo, command = model.actuator(actuator).name, self.actuators[actuator]
+        return replace(found, actuator=servo, command=command, tendon=tendon, driven=driven)
 
     def scale(self, target: str) -> Scale:
         """How strong things are at a place of the parametrised model, for effects to start from."""
