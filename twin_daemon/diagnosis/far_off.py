@@ -28,7 +28,7 @@ def needed(part: PartFit, allowed: np.ndarray) -> dict[str, float]:
     right law may.
     """
     found = deviating(part)
-    if not beyond_any_hand(found) or (part.problem.times_floor(part.plausible()) > allowed).any():
+    if not beyond_any_hand(found) or (part.times_plausible_floor > allowed).any():
         return found
     moved = {variable.name for variable in part.variables}
     return {name: sigma for name, sigma in found.items() if name not in moved}

@@ -197,10 +197,12 @@ class PartFit:
         high[own] = np.clip(point[own] + (0.99 * DEVIATING_SIGMA - sigmas) / room, 0.0, 1.0)
         return low, high
 
-    def plausible(self) -> np.ndarray:
-        """(p,) the best point at which no nuisance is further off than one may be."""
+    @cached_property
+    def times_plausible_floor(self) -> np.ndarray:
+        """(k,) what is left of each joint, in floors, at the best point at which no nuisance is too far off."""
         box, slopes = self._plausible_box(self.base.point), Derivative(self.problem, (), self.base.slopes)
-        return descend(self.problem, self.base.point, slopes, evaluations=NUISANCE_ROLLOUTS, box=box).point
+        held = descend(self.problem, self.base.point, slopes, evaluations=NUISANCE_ROLLOUTS, box=box)
+        return self.problem.times_floor(held.point)
 
     def _settled(self, point: np.ndarray, slopes: np.ndarray | None) -> Descent:
         """The nuisances alone descended from a point (p,), with new derivatives until a round gains little.

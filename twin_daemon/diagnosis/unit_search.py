@@ -76,7 +76,7 @@ class UnitSearch:
         first: Outcome | None = None
         beside: EffectTerm | None = None
         while len(left) > 1:
-            left.sort(key=_how_bad)
+            left.sort(key=_how_bad, reverse=True)
             reduced, part = left[0]
             search = self._search(part, reduced)
             begun, others = self._asked.pop(part.joints, None) or (search.begun(), None)
@@ -201,7 +201,7 @@ class UnitSearch:
         """
         if len(above) < 2 or self.most_effects < 2:
             return None, None
-        worst, *others = sorted(above, key=_how_bad)
+        worst, *others = sorted(above, key=_how_bad, reverse=True)
         begun = self._search(worst[1], worst[0]).begun()
         twin, reduction, left = self._beside(self.twin, begun, [worst, *others])
         self._asked[worst[1].joints] = begun, left
@@ -289,15 +289,15 @@ class UnitSearch:
         return look(again) if beside.base.cost < GONE_FAR * begun.part.base.cost else None
 
 
-def _how_bad(group: tuple[Reduced, PartFit]) -> tuple[bool, float]:
-    """What groups are sorted by, the worst first.
+def _how_bad(group: tuple[Reduced, PartFit]) -> float:
+    """How many floors a group leaves: the worst one is searched first.
 
-    One that is at its floor by a value that no hand has comes before any other: one number says what is wrong there,
-    and until it is said its neighbours are told a wrong motion.
+    One that is at its floor by a value that no hand has counts with what it leaves without that: until it is said, its
+    neighbours are told a wrong motion.
     """
     _, part = group
     by_a_value = part.within_floor and bool(beyond_any_hand(deviating(part)))
-    return not by_a_value, -float(part.times_floor.max())
+    return float((part.times_plausible_floor if by_a_value else part.times_floor).max())
 
 
 def _has_its_own(again: Sequence[tuple[Reduced, PartFit]], before: Sequence[tuple[Reduced, PartFit]]) -> bool:
