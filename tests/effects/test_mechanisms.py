@@ -400,3 +400,21 @@ def test_a_load_hangs_at_the_end_of_the_last_link_whoever_states_its_mass(tmp_pa
     )
     rests = [float(move(one, np.zeros((1500, 1)))[-1, 0]) for one in (twin, loaded)]
     assert rests[1] - rests[0] == pytest.approx(0.1 * 9.81 * 0.3 / 40, rel=0.01)
+
+
+def test_a_load_is_one_and_the_same_at_all_joints_that_carry_it_alike(tmp_path: Path):
+    """A link that turns about two joints, and a knuckle that is one point, carry what the next link does."""
+    path = tmp_path / "arm.xml"
+    link = '<geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02" mass="0.2"/>'
+    path.write_text(
+        f"""<mujoco><compiler angle="radian"/><worldbody><body>
+        <joint name="yaw" axis="0 0 1"/><joint name="pitch" axis="0 1 0"/>{link}
+        <body pos="0.3 0 0"><inertial pos="0 0 0" mass="0.01" diaginertia="1e-5 1e-5 1e-5"/>
+        <joint name="the_knuckle" axis="0 0 1"/><body><joint name="tip" axis="0 1 0"/>{link}</body></body>
+        </body></worldbody></mujoco>"""
+    )
+    twin = TwinModel.load(load_hand(model=path))
+    places = [twin.place(joint) for joint in twin.joints]
+    assert len(places) == 4
+    assert {place.target for place in LIBRARY["payload"].distinct(places)} == {"pitch", "tip"}
+    assert [place.target for place in LIBRARY["armature"].distinct(places)] == list(twin.joints)

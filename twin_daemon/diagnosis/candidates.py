@@ -126,10 +126,10 @@ def hypotheses(twin: TwinModel, joints: Sequence[str], *, whole_hand: bool) -> l
     present = {(t.effect, t.target) for t in twin.terms.effects}
     found = []
     for effect in tuple(LIBRARY.values()):
-        for target in targets:
-            if (effect.key, target) in present or not effect.applies(twin.place(target)):
+        for place in effect.distinct(map(twin.place, targets)):
+            if (effect.key, place.target) in present:
                 continue
-            hypothesis = candidate(effect, target, twin, joints[0])
+            hypothesis = candidate(effect, place.target, twin, joints[0])
             if hypothesis.sensible():
                 found.append(hypothesis)
     return found

@@ -212,16 +212,21 @@ class SharedSearch(SharedFit):
     ) -> tuple[Sequence[Begun], list[Begun], tuple[Begun, np.ndarray, Self] | None]:
         """(the best cause, in its forms; all of them as they are held against each other; it where it is settled).
 
-        Of several that come as far, and not to the floor, it is the best once they are settled: far from where a cause
-        has come to, what nuisances can do to first order does not say which of them is right.
+        Of several that come as far it is the best once they are settled: far from where a cause has come to, what
+        nuisances can do to first order does not say which of them is right. Where the best is at the floor these are
+        the ones that are behind it by no more than that has changed, or than the data tell apart.
         """
         fits = [forms[0] for forms in finalists]
         best = min(range(len(fits)), key=lambda i: fits[i].cost)
         near = [i for i, fit in enumerate(fits) if fit.cost <= COMPARABLE * fits[best].cost and self._helps_most(fit)]
-        floor = FLOOR_CHI_SQUARE * self._floor_cost
-        if len(near) < 2 or fits[best].cost <= floor or len(fits[best].cause.parts) > 1:
+        if len(near) < 2 or len(fits[best].cause.parts) > 1:
             return finalists[best], fits, None
-        settled = {i: self.settled(fits[i]) for i in near}
+        settled: dict[int, tuple[Begun, np.ndarray, Self]] = {}
+        if fits[best].cost <= FLOOR_CHI_SQUARE * self._floor_cost:
+            settled[best] = self.settled(fits[best])
+            reach = abs(settled[best][0].cost - fits[best].cost) + 2.0 * DECISIVE_NATS
+            near = [i for i in near if fits[i].cost < fits[best].cost + reach]
+        settled |= {i: self.settled(fits[i]) for i in near if i not in settled}
         best = min(settled, key=lambda i: settled[i][0].cost)
         fits = [settled[i][0] if i in settled else fit for i, fit in enumerate(fits)]
         return finalists[best], fits, settled[best]

@@ -179,6 +179,5 @@ def shared_causes(twin: TwinModel, groups: Sequence[Sequence[str]], *, everywher
         SharedCause(effect, target)
         for effect in tuple(LIBRARY.values())
         if effect.shared
-        for target in places[effect.shared]
-        if effect.applies(twin.place(target))
+        for target in (place.target for place in effect.distinct(map(twin.place, places[effect.shared])))
     ]

@@ -216,8 +216,10 @@ class SharedFit:
             share *= 0.5
         return found
 
-    def fitted(self, begun: Begun, reach: float = np.inf) -> tuple[Begun, np.ndarray]:
+    def fitted(self, begun: Begun, reach: float = np.inf, *, settling: bool = False) -> tuple[Begun, np.ndarray]:
         """(where Gauss-Newton takes a cause, (m, q) slopes there); what comes to no cost within `reach` is left.
+
+        So is what cannot help most groups, unless it is `settling` where all groups have it.
 
         Friction makes slopes over a tenth of a value another thing than slopes nearby, so that each round looks nearer,
         and a step that gains nothing is halved.
@@ -232,7 +234,7 @@ class SharedFit:
             move = np.linalg.lstsq(slopes, -begun.rows, rcond=None)[0]
             expected = begun.cost - float(((begun.rows + slopes @ move) ** 2).sum())
             # where a cause begins its slopes may promise too little, so that it is moved once
-            within = min(reach, self._most_cost) if count else np.inf
+            within = min(reach, self._most_cost) if count and not settling else np.inf
             if 0.5 * expected < SHARED_SETTLED_NATS or begun.cost - expected > within:
                 break
             begun = self._moved(begun, slopes)
@@ -274,4 +276,4 @@ class SharedFit:
         twin = self._twin.changed(cause.terms(self._twin, found.values))
         reduction = self._reduction.following(twin)
         there = type(self)(twin, reduction, looked_at_again(twin, reduction, [r for r, _ in self._above], at_nominal))
-        return (*there.fitted(there.at(cause, found.values)), there)
+        return (*there.fitted(there.at(cause, found.values), settling=True), there)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
@@ -26,7 +26,8 @@ class Place:
 
     `driven` are the MJCF joints that the actuator moves (two for an underactuated finger's J0). `inertia` is what the
     joint has of links in the model's first pose while all others are free, beside its armature, kg m^2 (kg of a slide).
-    The joint's link ends at `end` (m), in the frame of the body `end_body`.
+    The joint's link ends at `end` (m), in the frame of the body `end_body`. `order` counts the model's joints from its
+    base.
     """
 
     target: str
@@ -38,6 +39,7 @@ class Place:
     inertia: float = 0.0
     end_body: str | None = None
     end: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    order: int = -1
 
 
 def motor_joint(place: Place) -> str:
@@ -331,6 +333,16 @@ class Effect(ABC):
         if self.acts_on == "actuator":
             return place.command == place.target
         return place.joint is not None
+
+    def acts_at(self, place: Place) -> str:
+        """What it acts on there: at two places with the same it is one and the same effect."""
+        return place.target
+
+    def distinct(self, places: Iterable[Place]) -> list[Place]:
+        """Those of some places at which it can act, and of several at which it is the same the last from the base."""
+        able = [place for place in places if self.applies(place)]
+        last = {self.acts_at(place): place for place in sorted(able, key=lambda place: place.order)}
+        return [place for place in able if last[self.acts_at(place)] is place]
 
     @abstractmethod
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:

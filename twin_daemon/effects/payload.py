@@ -43,6 +43,10 @@ class Payload(Effect):
         load.ipos = np.zeros(3)  # not the default, which MuJoCo takes for "unknown" and would not save
         load.inertia = np.full(3, mass * _GYRATION_M**2)
 
+    def acts_at(self, place: Place) -> str:
+        # a knuckle that is one point, and each joint of a link that turns about several, carry the same load
+        return place.end_body or place.target
+
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
         # bends the joint by 10 and by 50 mrad at an arm of 5 cm, within what such hands carry
         return tuple({"at": 1.0, "mass": min(sag * scale.kp / (9.81 * 0.05), 50.0)} for sag in (0.01, 0.05))

@@ -217,17 +217,17 @@ class TwinModel:
         return places
 
     def _place(self, name: str, joint: str | None, actuator: int | None) -> Place:
-        model, inertia, tendon = self.base_model, 0.0, None
-        end_body: str | None = None
-        end = np.zeros(3)
+        model, tendon = self.base_model, None
+        found = Place(name, joint)
         if joint is not None:
-            dof = int(model.joint(joint).dofadr[0])
+            at = model.joint(joint)
+            dof = int(at.dofadr[0])
             inertia = max(1.0 / float(model.dof_invweight0[dof]) - float(model.dof_armature[dof]), 0.0)
-            carrier, end = far_end(model, int(model.joint(joint).bodyid[0]))
-            end_body = model.body(carrier).name
-        found = Place(
-            name, joint, inertia=inertia, end_body=end_body, end=(float(end[0]), float(end[1]), float(end[2]))
-        )
+            carrier, end = far_end(model, int(at.bodyid[0]))
+            x, y, z = end.tolist()
+            found = Place(
+                name, joint, inertia=inertia, end_body=model.body(carrier).name, end=(x, y, z), order=int(at.id)
+            )
         if actuator is None:
             return found
         if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_TENDON:
