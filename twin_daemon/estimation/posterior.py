@@ -215,7 +215,8 @@ class Posterior(Problem):
         """
         errors = self._step_errors(point)
         # where the error is below the floor what is wrong with it is, too
-        large = [i for i, error in enumerate(errors) if (error**2 > self.floor).any()]
+        held = each_held(self.twin, self.objective)
+        large = [i for i, error in enumerate(errors) if held and (error**2 > self.floor).any()]
         return self._corrections(point, errors, self._second_order(point, errors, large), self.floor)
 
     def _step_errors(self, point: np.ndarray) -> list[np.ndarray]:
@@ -231,8 +232,8 @@ class Posterior(Problem):
     def _second_order(self, point: np.ndarray, errors: Sequence[np.ndarray], some: Sequence[int]) -> list[np.ndarray]:
         """(n, k) rad a recording: what of the time step's `errors` is of no first order; 0 but for some recordings.
 
-        Half a step should take away two thirds of what a quarter does, and what it takes beside that, twice, is what
-        the extrapolation gets wrong (Richardson 1911): most where dry friction turns, somewhere within a step.
+        Half a step should take away two thirds of what a quarter does. Of an error a h + b h^2 what it takes beside
+        that, twice, is what the extrapolation from a quarter misses (Richardson 1911).
         """
         beside, own = [np.zeros_like(error) for error in errors], self.predict(point[None])
         for i, half in zip(some, self.at_finer_step(2.0, point, some) if some else (), strict=True):
@@ -244,14 +245,14 @@ class Posterior(Problem):
     ) -> list[Correction]:
         """Corrections by the time step's errors and what of them is of no first order, (n, k) rad a recording.
 
-        That is as uncertain as it is beyond the floor (k,) rad^2, but for joints that no servo holds apart.
+        That counts as error, and is as uncertain as it is beyond the floor (k,) rad^2: where dry friction turns,
+        somewhere within a step, the error is of no order. Of joints that no servo holds apart it is not asked.
         """
-        counts = each_held(self.twin, self.objective)
-        each = zip(errors, beside, self._variances_at(point), strict=True)
-        return [
-            Correction(error, other + (np.maximum(second**2 - floor, 0.0) if counts else 0.0))
-            for error, second, other in each
-        ]
+        variances = self._variances_at(point)
+        if not each_held(self.twin, self.objective):
+            return list(map(Correction, errors, variances))
+        each = zip(errors, beside, variances, strict=True)
+        return [Correction(error + second, other + np.maximum(second**2 - floor, 0.0)) for error, second, other in each]
 
     def _variances_at(self, point: np.ndarray) -> list[np.ndarray]:
         """(n, k) rad^2 a recording: how uncertain the roll-out of a point (p,) is."""
