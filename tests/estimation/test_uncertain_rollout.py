@@ -105,19 +105,3 @@ def test_how_a_joint_comes_back_from_beyond_its_travel_is_no_effect(tmp_path: Pa
         quiet = align(twin, recorded(plant, {"swing": ([0.0, 1.0, 5.0], [0.0, 0.0, 0.2])}, rng, seconds=5.0))
         assert _part(twin, quiet, ["swing"]).corrections_at(np.zeros(0))[0].variance.max() == 0.0
     assert left[0.12] < 2.0 < 10.0 < left[0.0]
-
-
-def test_what_the_extrapolation_to_no_step_gets_wrong_is_not_known(tmp_path: Path, rng: np.random.Generator) -> None:
-    """Half a step and a quarter of one say different things of the error of a large step, and the same of a small."""
-    (tmp_path / "swing.xml").write_text(_SWING)
-    twin = TwinModel.load(load_hand(model=tmp_path / "swing.xml"))
-    steps = {"swing": ([0.0, 1.0, 1.0, 3.0, 3.0, 5.0], [0.0, 0.0, 0.3, 0.3, -0.2, -0.2])}
-    read = align(twin, recorded(twin.at_step(1e-4), steps, rng, seconds=5.0, noise_rad=1e-5))
-    uncertain = {}
-    for step_s in (2e-3, 2e-4):
-        part = _part(twin.at_step(step_s), read, ["swing"])
-        found = part.corrections_at(np.zeros(0))
-        uncertain[step_s] = max(float(one.variance.max()) for one in found) / float(part.floor[0])
-        assert all(0.0 < one.weight(part.floor).min() <= 1.0 for one in found)
-    assert uncertain[2e-3] > 1.0
-    assert uncertain[2e-4] == 0.0

@@ -18,7 +18,7 @@ from twin_daemon.estimation.thresholds import (
     OFFSET_FLOORS,
     REACTION_ERROR,
 )
-from twin_daemon.estimation.variables import ParameterVariable, Variable, over_some
+from twin_daemon.estimation.variables import ParameterVariable, Variable
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.prescribed import response_time_s
 from twin_daemon.simulation.twin import TwinModel
@@ -211,48 +211,18 @@ class Posterior(Problem):
 
         The error is how it moves without a time step, less how it moves at its own. Candidates are tried at the model's
         own step, which is off by more than the sensors' noise where steps are commanded. To first order the error is
-        the same nearby, so it is computed once and taken out (`corrections`).
+        the same nearby, so it is computed once and taken out (`corrections`). MuJoCo's integrators are of first order:
+        a quarter of the step leaves a third of what it takes away.
         """
-        errors = self._step_errors(point)
-        # where the error is below the floor what is wrong with it is, too
-        held = each_held(self.twin, self.objective)
-        large = [i for i, error in enumerate(errors) if held and (error**2 > self.floor).any()]
-        return self._corrections(point, errors, self._second_order(point, errors, large), self.floor)
-
-    def _step_errors(self, point: np.ndarray) -> list[np.ndarray]:
-        """(n, k) rad a recording: what the time step gets wrong at a point (p,).
-
-        MuJoCo's integrators are of first order: a quarter of the step leaves a third of what it takes away.
-        """
-        each = zip(self.at_finer_step(FINER_STEPS, point), self.predict(point[None]), strict=True)
+        own = self.predict(point[None])
+        at_quarter = self.at_finer_step(FINER_STEPS, point)
         whole = 1.0 + 1.0 / (FINER_STEPS - 1.0)
+        each = zip(at_quarter, own, self._variances_at(point), strict=True)
         # of a roll-out that went beyond all bounds nothing is known of its error
-        return [np.nan_to_num(whole * (fine - own[0]), posinf=0.0, neginf=0.0) for fine, own in each]
-
-    def _second_order(self, point: np.ndarray, errors: Sequence[np.ndarray], some: Sequence[int]) -> list[np.ndarray]:
-        """(n, k) rad a recording: what of the time step's `errors` is of no first order; 0 but for some recordings.
-
-        Half a step should take away two thirds of what a quarter does. Of an error a h + b h^2 what it takes beside
-        that, twice, is what the extrapolation from a quarter misses (Richardson 1911).
-        """
-        beside, own = [np.zeros_like(error) for error in errors], self.predict(point[None])
-        for i, half in zip(some, self.at_finer_step(2.0, point, some) if some else (), strict=True):
-            beside[i] = errors[i] - 2.0 * np.nan_to_num(half - own[i][0], posinf=0.0, neginf=0.0)
-        return beside
-
-    def _corrections(
-        self, point: np.ndarray, errors: Sequence[np.ndarray], beside: Sequence[np.ndarray], floor: np.ndarray
-    ) -> list[Correction]:
-        """Corrections by the time step's errors and what of them is of no first order, (n, k) rad a recording.
-
-        That counts as error, and is as uncertain as it is beyond the floor (k,) rad^2: where dry friction turns,
-        somewhere within a step, the error is of no order. Of joints that no servo holds apart it is not asked.
-        """
-        variances = self._variances_at(point)
-        if not each_held(self.twin, self.objective):
-            return list(map(Correction, errors, variances))
-        each = zip(errors, beside, variances, strict=True)
-        return [Correction(error + second, other + np.maximum(second**2 - floor, 0.0)) for error, second, other in each]
+        return [
+            Correction(np.nan_to_num(whole * (fine - coarse[0]), posinf=0.0, neginf=0.0), variance)
+            for fine, coarse, variance in each
+        ]
 
     def _variances_at(self, point: np.ndarray) -> list[np.ndarray]:
         """(n, k) rad^2 a recording: how uncertain the roll-out of a point (p,) is."""
@@ -295,25 +265,30 @@ class Posterior(Problem):
         read = [recording.measured[:, self._columns] for recording in self.recordings]
         return any(bool(((one < low - noise) | (one > high + noise)).any()) for one in read)
 
-    def at_finer_step(self, steps: float, point: np.ndarray, some: Sequence[int] | None = None) -> list[np.ndarray]:
-        """(n, k) rad a recording, of all or some: how a point (p,) moves at so many time steps in one."""
+    def at_finer_step(self, steps: float, point: np.ndarray) -> list[np.ndarray]:
+        """(n, k) rad a recording: how a point (p,) moves at so many time steps in one."""
         twin = self.twin.at_step(float(self.twin.model.opt.timestep) / steps)
-        chosen = self.recordings if some is None else [self.recordings[i] for i in some]
-        variables = over_some(self.variables, self.recordings, chosen)
-        fine = Posterior(twin, chosen, variables, self.objective, self.floor, threads=1)
+        fine = Posterior(twin, self.recordings, self.variables, self.objective, self.floor, threads=1)
         return [read[0] for read in fine.predict(point[None])]
 
 
 def floor_and_corrections(
     twin: TwinModel, recordings: Sequence[Aligned], variables: Sequence[Variable], joints: Sequence[str]
 ) -> tuple[np.ndarray, list[Correction]]:
-    """((k,) rad^2, by recording): the floor with what is left of the time step's error, and that error."""
+    """((k,) rad^2, by recording): the floor with what is left of the time step's error, and that error.
+
+    What is left is of second order: half a step should take away two thirds of what a quarter does, and what it takes
+    beside that, twice, is what the extrapolation gets wrong (Richardson 1911).
+    """
     floor = floor_variance(recordings, joints)
     nominal = Posterior(twin, recordings, variables, joints, floor)
-    errors = nominal._step_errors(nominal.start)
-    beside = nominal._second_order(nominal.start, errors, range(len(errors)))
-    raised = tolerated(twin, floor + np.mean([one.var(axis=0) for one in beside], axis=0))
-    return raised, nominal._corrections(nominal.start, errors, beside, raised)
+    point = nominal.start
+    own = nominal.predict(point[None])
+    corrections = nominal.corrections_at(point)
+    half = nominal.at_finer_step(2.0, point)
+    each = zip(corrections, half, own, strict=True)
+    beside = [2.0 * (0.5 * one.error - (at_half - at_own[0])) for one, at_half, at_own in each]
+    return tolerated(twin, floor + np.mean([one.var(axis=0) for one in beside], axis=0)), corrections
 
 
 def _stronger(recording: Aligned) -> Aligned:
