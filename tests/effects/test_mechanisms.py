@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.effects.conftest import Bench, loaded_finger, move
+from twin_daemon.diagnosis.candidates import hypotheses
 from twin_daemon.effects import LIBRARY
 from twin_daemon.effects.base import Seen
 from twin_daemon.errors import BadInput
@@ -418,3 +419,7 @@ def test_a_load_is_one_and_the_same_at_all_joints_that_carry_it_alike(tmp_path: 
     assert len(places) == 4
     assert {place.target for place in LIBRARY["payload"].distinct(places)} == {"pitch", "tip"}
     assert [place.target for place in LIBRARY["armature"].distinct(places)] == list(twin.joints)
+    loaded = twin.changed(Terms(effects=(EffectTerm(effect="payload", target="the_knuckle", values={"mass": 0.1}),)))
+    asked = {one.name for one in hypotheses(loaded, twin.joints, whole_hand=False)}
+    assert "payload:pitch" in asked
+    assert not {"payload:tip", "payload:the_knuckle"} & asked

@@ -123,11 +123,11 @@ def hypotheses(twin: TwinModel, joints: Sequence[str], *, whole_hand: bool) -> l
     targets: list[str] = list(joints)
     targets += [command for command in driving if command not in targets]
     targets += ["hand"] if whole_hand else []
-    present = {(t.effect, t.target) for t in twin.terms.effects}
+    present = {(t.effect, LIBRARY[t.effect].acts_at(twin.place(t.target))) for t in twin.terms.effects}
     found = []
     for effect in tuple(LIBRARY.values()):
         for place in effect.distinct(map(twin.place, targets)):
-            if (effect.key, place.target) in present:
+            if (effect.key, effect.acts_at(place)) in present:
                 continue
             hypothesis = candidate(effect, place.target, twin, joints[0])
             if hypothesis.sensible():

@@ -11,7 +11,7 @@ from twin_daemon.diagnosis.all_servos import of_all_servos
 from twin_daemon.diagnosis.as_fitted import looked_at_again
 from twin_daemon.diagnosis.common_delay import within_a_cycle
 from twin_daemon.diagnosis.conclude import Outcome
-from twin_daemon.diagnosis.far_off import deviating
+from twin_daemon.diagnosis.far_off import plainly_above
 from twin_daemon.diagnosis.floor_check import within_floor
 from twin_daemon.diagnosis.group import look
 from twin_daemon.diagnosis.part_fit import PartFit
@@ -67,7 +67,7 @@ def behind_all(
     looked for where all feel it that are plainly above the floor: others may have been told a wrong motion of these.
     """
     everywhere = 2 * len(above) > groups
-    plainly = [one for one in above if not one[1].within_floor or deviating(one[1])]
+    plainly = [one for one in above if plainly_above(one[1])]
     if not everywhere and len(plainly) > 1:
         above = plainly
     causes = shared_causes(twin, [reduced.joints for reduced, _ in above], everywhere=everywhere)

@@ -16,6 +16,11 @@ def deviating(part: PartFit) -> dict[str, float]:
     return {name: sigma for name, sigma in deviations if name not in values and abs(sigma) > DEVIATING_SIGMA}
 
 
+def plainly_above(part: PartFit) -> bool:
+    """Whether something is missing by what is fitted: more than its floor is left, or a value is no nuisance's."""
+    return not part.within_floor or bool(deviating(part))
+
+
 def beyond_any_hand(deviations: dict[str, float]) -> list[tuple[str, float]]:
     """Those that no plausible hand has: a right model forces no value so far."""
     return [(name, sigma) for name, sigma in deviations.items() if abs(sigma) > FORBIDDEN_SIGMA]

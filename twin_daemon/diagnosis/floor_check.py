@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence, Set
 
 from twin_daemon.diagnosis.conclude import Outcome
-from twin_daemon.diagnosis.far_off import deviating
+from twin_daemon.diagnosis.far_off import plainly_above
 from twin_daemon.diagnosis.group import look
 from twin_daemon.diagnosis.part_fit import PartFit
 from twin_daemon.diagnosis.part_search import begun_outcome
@@ -50,7 +50,7 @@ def above_floor(
 
 
 def _may_be_sound(part: PartFit, *, anew: bool) -> bool:
-    return part.within_floor and not deviating(part) and not (anew and part.worth_a_look)
+    return not plainly_above(part) and not (anew and part.worth_a_look)
 
 
 def _held_out(reduced: Reduced, part: PartFit, seed: int) -> float:
@@ -103,6 +103,6 @@ def by_parameters(reduced: Reduced, validation: Validation, seed: int) -> bool:
     for recordings in (reduced.train, [*reduced.train, *reduced.holdout]):
         part = PartFit(reduced.twin, recordings, reduced.joints, thoroughly=True)
         left = Validation(part, reduced.holdout, seed=seed, first=validation).judge(part.base).adequacy
-        if part.within_floor and left <= 1.0 and not deviating(part):
+        if left <= 1.0 and not plainly_above(part):
             return True
     return False

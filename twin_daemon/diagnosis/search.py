@@ -11,7 +11,7 @@ from twin_daemon.diagnosis.as_fitted import as_fitted, closer, links_uncertain
 from twin_daemon.diagnosis.common_delay import common_delay
 from twin_daemon.diagnosis.conclude import Outcome, conclude, nothing_moves
 from twin_daemon.diagnosis.everywhere import at_all, behind_all, in_common, of_all, said_once, with_everywhere
-from twin_daemon.diagnosis.far_off import deviating
+from twin_daemon.diagnosis.far_off import plainly_above
 from twin_daemon.diagnosis.floor_check import above_floor
 from twin_daemon.diagnosis.group import at_nominal, look
 from twin_daemon.diagnosis.left_out import LeftOut
@@ -102,7 +102,7 @@ class Search:
             unseen, shared = self._first_look()
             stack.enter_context(self._limit.enforced())  # what a first look says is said however long it takes
             known = self._above_floor()
-            if shared is None and sum(not one.within_floor or bool(deviating(one)) for _, one in self._above) > 1:
+            if shared is None and sum(plainly_above(one) for _, one in self._above) > 1:
                 shared = self._behind_all()
             if shared is None and self._begins is None:
                 shared = in_common(self._twin, self._reduction, list(known.values()), self._seed, self._say)

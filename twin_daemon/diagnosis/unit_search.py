@@ -12,7 +12,7 @@ import numpy as np
 from twin_daemon.diagnosis.as_fitted import looked_at_again, with_values
 from twin_daemon.diagnosis.conclude import Outcome
 from twin_daemon.diagnosis.everywhere import behind_all
-from twin_daemon.diagnosis.far_off import beyond_any_hand, deviating
+from twin_daemon.diagnosis.far_off import beyond_any_hand, deviating, plainly_above
 from twin_daemon.diagnosis.floor_check import above_floor, by_parameters
 from twin_daemon.diagnosis.group import look
 from twin_daemon.diagnosis.part_fit import PartFit
@@ -134,7 +134,7 @@ class UnitSearch:
         much. What is plainly above its floor, or is there by a value that is far off, or known to be late, stays.
         """
         found = [outcome for outcome in self.outcomes if outcome.accepted]
-        little = all(part.within_floor and not deviating(part) for _, part in unit)
+        little = not any(plainly_above(part) for _, part in unit)
         late = any(self.late & set(part.joints) for _, part in unit)
         if not (found and little and self.most_effects) or late:
             return unit

@@ -225,9 +225,8 @@ class TwinModel:
             inertia = max(1.0 / float(model.dof_invweight0[dof]) - float(model.dof_armature[dof]), 0.0)
             carrier, end = far_end(model, int(at.bodyid[0]))
             x, y, z = end.tolist()
-            found = Place(
-                name, joint, inertia=inertia, end_body=model.body(carrier).name, end=(x, y, z), order=int(at.id)
-            )
+            end_body = model.body(carrier).name
+            found = replace(found, inertia=inertia, end_body=end_body, end=(x, y, z), order=int(at.id))
         if actuator is None:
             return found
         if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_TENDON:
