@@ -32,11 +32,18 @@ _LINK = """<body name="{0}_link" pos="{1} 0 0"><joint name="{0}" axis="0 1 0" ra
 _SERVO = '<position name="{0}" joint="{0}" kp="{1}" kv="{2}" ctrlrange="-2 2" forcerange="-30 30"/>'
 
 
-def _arm(folder: Path, *beside: str) -> TwinModel:
-    """An arm, and single joints beside it that carry none of it."""
-    links = "".join(_LINK.format(name, 0.3 if i else 0.0) for i, name in enumerate(JOINTS)) + "</body>" * len(JOINTS)
+_ROLL = """<body name="roll_link" pos="0.3 0 0">
+<joint name="roll" axis="1 0 0" range="-2 2" damping="2" armature="0.3"/>
+<geom type="capsule" fromto="0 0.001 0 0.3 0.001 0" size="0.03" mass="0.3" contype="0" conaffinity="0"/>{0}</body>"""
+
+
+def _arm(folder: Path, *beside: str, end: str = "") -> TwinModel:
+    """An arm, what is at its end, and single joints beside it that carry none of it."""
+    links = "".join(_LINK.format(name, 0.3 if i else 0.0) for i, name in enumerate(JOINTS))
+    links += end + "</body>" * len(JOINTS)
     links += "".join(_LINK.format(name, -1.0) + "</body>" for name in beside)
     strengths = dict(zip((*JOINTS, *beside), (2000, 1000, 500, *(1000 for _ in beside)), strict=True))
+    strengths |= {"roll": 50} if end else {}
     servos = "".join(_SERVO.format(name, kp, 0.05 * kp) for name, kp in strengths.items())
     path = folder / "arm.xml"
     path.write_text(
@@ -47,15 +54,15 @@ def _arm(folder: Path, *beside: str) -> TwinModel:
 
 
 def _groups(
-    twin: TwinModel, *hidden: EffectTerm, noise_rad: float = 3e-5
+    twin: TwinModel, *hidden: EffectTerm, noise_rad: float = 3e-5, plant: TwinModel | None = None
 ) -> tuple[Reduction, list[tuple[Reduced, PartFit]]]:
-    """(the motion of an arm with hidden loads, each of its joints as a group of its own)."""
+    """(the motion of an arm with hidden loads, or of another one, each of its joints as a group of its own)."""
     times = [0.0, 0.5, 1.0, 2.0, 2.5, 3.5, 4.0, 5.0, 6.0]
     moves: Motion = {
         joint: (times, [0.0, 0.0, *(0.5 * (-1) ** (i // (n + 1)) for i in range(6)), 0.0])
         for n, joint in enumerate(sorted(twin.joints, key=lambda joint: (*JOINTS, joint).index(joint)))
     }
-    plant = twin.changed(Terms(effects=hidden))
+    plant = plant or twin.changed(Terms(effects=hidden))
     made = align(twin, recorded(plant, moves, np.random.default_rng(3), seconds=6.0, noise_rad=noise_rad))
     reduction = Reduction(twin, [made], [made])
     cut = [reduction.of(twin, group, group.joints) for group in drive_groups(twin)]
@@ -99,6 +106,20 @@ def test_a_load_is_looked_for_where_those_feel_it_that_leave_much(tmp_path: Path
     assert found.finding.name == "payload:wrist"
     assert found.finding.values["mass"] == pytest.approx(0.1, rel=0.2)
     assert {joint for _, part in found.looked_at for joint in part.joints} == set(JOINTS)
+
+
+def test_a_load_beside_the_line_of_a_link_is_one(tmp_path: Path) -> None:
+    """On the line, as the library has it, it would turn a joint about that a little, and it does not."""
+    twin = _arm(tmp_path, end=_ROLL.format(""))
+    load = '<geom type="sphere" size="0.01" mass="0.3" pos="0.3 0 0" contype="0" conaffinity="0"/>'
+    (tmp_path / "plant").mkdir()
+    plant = _arm(tmp_path / "plant", end=_ROLL.format(load))
+    reduction, begun = _groups(twin, noise_rad=1e-4, plant=plant)
+    groups = [look(*one) for one in begun]
+    found, _ = behind_all(twin, reduction, groups, len(groups), 0, lambda _: None)
+    assert found is not None
+    assert found.finding.name == "payload:roll"
+    assert found.finding.values["mass"] == pytest.approx(0.3, rel=0.3)
 
 
 def test_a_pair_keeps_the_values_of_its_two_loads_apart(tmp_path: Path) -> None:

@@ -193,13 +193,14 @@ class PartSearch:
             while not progress.ended and len(outcome.accepted) < most_effects:
                 if step is None and known is not None:
                     step, known = known if against and known.fit.cost <= MOST_OF_IT * against.cost else None, None
-                elif step is None:
+                elif step is None and (takes := _least_taken(self.part, progress)) < 1.0:
                     step = next_effect(
                         progress.part,
                         progress.validation,
                         self.say,
                         outcome,
                         against=against,
+                        takes=takes,
                         before=None if outcome.accepted else self.before,
                         late=self.late and not outcome.accepted,
                     )
@@ -262,13 +263,41 @@ def _is_refinement(first: PartFit, progress: Progress, fit: Fit) -> bool:
     joints = _judged_joints(part, fit)
     if not any(joints & _judged_joints(earlier.part, earlier.fit) for earlier in outcome.accepted):
         return False
-    forced = [name for name, _ in beyond_any_hand(outcome.deviating)]
+    forced = _forced(outcome)
     if any(abs(fit.deviations.get(name, 0.0)) < DEVIATING_SIGMA for name in forced):
         return False
     if progress.enough and not forced:
         return True
-    gained = part.base.cost - fit.cost
-    return gained < REFINEMENT * first.base.cost and gained < MOST_OF_IT * part.base.cost
+    return part.base.cost - fit.cost < _share_of_a_cause(first, part) * part.base.cost
+
+
+def _least_taken(first: PartFit, progress: Progress) -> float:
+    """Share of the cost below which a further effect would only bend the law of one that has been found; 1: any would.
+
+    It is what `_is_refinement` holds against it, of a part that lacks nothing but at the joints of those found.
+    """
+    part, outcome = progress.part, progress.outcome
+    if not outcome.accepted or _forced(outcome):
+        return 0.0
+    named = {joint for earlier in outcome.accepted for joint in _judged_joints(earlier.part, earlier.fit)}
+    elsewhere = any(not (part.group_of(joint) or set()) & named for joint in part.suspects)
+    if elsewhere:
+        return 0.0
+    return 1.0 if progress.enough else _share_of_a_cause(first, part)
+
+
+def _share_of_a_cause(first: PartFit, part: PartFit) -> float:
+    """Of what is left: a part of the first error, or most of what the first effects have left."""
+    return min(REFINEMENT * first.base.cost / part.base.cost, MOST_OF_IT)
+
+
+def _forced(outcome: Outcome) -> list[str]:
+    """Nuisances that no plausible hand has, and that a further effect may bring back.
+
+    Where more than twice is left of what a right model leaves, that alone explains nothing: a second cause takes half.
+    """
+    nearly = outcome.left <= 1.0 / MOST_OF_IT
+    return [name for name, _ in beyond_any_hand(outcome.deviating)] if nearly else []
 
 
 def _judged_joints(part: PartFit, fit: Fit) -> set[str]:

@@ -15,6 +15,7 @@ from twin_daemon.diagnosis.screening import Screening
 from twin_daemon.diagnosis.thresholds import (
     COMPARABLE,
     LEAST_RACING,
+    ON_THE_WAY,
     OTHERS_STARTS,
     OWNERS_STARTS,
     RACE_ROLLOUTS,
@@ -94,11 +95,12 @@ def _promising(entered: Sequence[FirstFit]) -> list[FirstFit]:
     ]
 
 
-def raced(screening: Screening, entered: Sequence[FirstFit]) -> list[FirstFit]:
+def raced(screening: Screening, entered: Sequence[FirstFit], most: float = np.inf) -> list[FirstFit]:
     """Candidates that are fitted a little each, the better half goes on, until few are left: successive halving.
 
     Nothing is dropped for where it starts (Jamieson and Talwalkar 2016): a law that is far from its values looks
-    bad until it has moved.
+    bad until it has moved. Where none is worth its name unless it costs at `most` so much, and none has come a part of
+    the way there once all have been moved, none is left.
     """
     racing = sorted(entered, key=lambda first: first.cost)
     out: list[FirstFit] = []
@@ -109,6 +111,8 @@ def raced(screening: Screening, entered: Sequence[FirstFit]) -> list[FirstFit]:
         moved.sort(key=lambda first: first.cost)
         if last:
             return [*moved, *out]
+        if screening.cost - moved[0].cost < ON_THE_WAY * (screening.cost - most):
+            return []
         # from here on each goes on from the better of the points of the nuisances that it was begun at
         own = sorted({first.hypothesis.name: first for first in reversed(moved)}.values(), key=lambda first: first.cost)
         kept = max(LEAST_RACING, len(own) // 2)

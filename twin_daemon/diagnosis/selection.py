@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from twin_daemon.diagnosis.conclude import Accepted, Outcome
 from twin_daemon.diagnosis.fit import FirstFit, Fit, stands_out
 from twin_daemon.diagnosis.limits import laws_at_limits, limits_of
@@ -46,11 +48,13 @@ def next_effect(
     outcome: Outcome,
     *,
     against: Fit | None = None,
+    takes: float = 0.0,
     before: AskedBefore | None = None,
     late: bool = False,
 ) -> Accepted | None:
     """One more effect for a part: the best that passes held-out validation, and what it cannot be told from.
 
+    It is worth a name where it `takes` at least such a share of the cost away.
     Where it has to stand `against` a fit of the same motion, none is fitted in full unless a first fit takes most of
     what that one leaves away. Of joints that were looked at `before` on their own only what came near is asked.
     A part that is `late`, as others tell when commands come, lacks something however little its nuisances leave.
@@ -59,8 +63,9 @@ def next_effect(
     # at the floor, with nothing far off, an effect has to be worth its name
     forced = late or any(abs(s) > DEVIATING_SIGMA for s in part.base.deviations.values())
     unforced = part.within_floor and not forced
+    most = min((1.0 - takes) * screening.cost, np.inf if against is None else MOST_OF_IT * screening.cost_of(against))
     tried: dict[str, FirstFit] = {}
-    for first in raced(screening, shortlist(screening, part, outcome, unforced=unforced)):
+    for first in raced(screening, shortlist(screening, part, outcome, unforced=unforced), most):
         other = tried.get(first.hypothesis.name)
         tried[first.hypothesis.name] = first if other is None or first.cost < other.cost else other
     first_fits = sorted(tried.values(), key=lambda first: first.cost)
@@ -70,7 +75,7 @@ def next_effect(
         return None
     if not first_fits:
         return None
-    if against is not None and first_fits[0].cost > MOST_OF_IT * screening.cost_of(against):
+    if against is not None and first_fits[0].cost > most:
         return None
     only = against is None and not outcome.accepted
     fits = _in_full(part, validation, screening, first_fits, say, outcome, only=only)

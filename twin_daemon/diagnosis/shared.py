@@ -23,6 +23,8 @@ from twin_daemon.diagnosis.shared_pair import SharedPair
 from twin_daemon.diagnosis.thresholds import (
     COMPARABLE,
     DECISIVE_NATS,
+    MOST_OF_IT,
+    REFINEMENT,
     SHARED_FINALISTS,
     SHARED_SHARES,
 )
@@ -148,7 +150,11 @@ class SharedSearch(SharedFit):
         return fits
 
     def _may_be_loads(self, causes: Sequence[SharedCause]) -> bool:
-        """Whether any loads together could help every group, each group taking of each as much as serves it best."""
+        """Whether any loads together could help most groups, each group taking of each as much as serves it best.
+
+        No group may keep most of what is above its floor: what is left of a right pair is what neighbours are told to
+        move like by a twin without it.
+        """
         light: list[tuple[Cause, dict[str, float]]] = []
         for cause in causes:
             if cause.is_load:
@@ -158,10 +164,11 @@ class SharedSearch(SharedFit):
         if not found:
             return False
         changes = np.column_stack([one.rows - self._nothing for one in found])
-        for group, change in zip(self._groups, self._split(changes), strict=True):
-            if not self._helps(group, group.rows - change @ np.linalg.lstsq(change, group.rows, rcond=None)[0]):
-                return False
-        return True
+        both = list(zip(self._groups, self._split(changes), strict=True))
+        left = [group.rows - change @ np.linalg.lstsq(change, group.rows, rcond=None)[0] for group, change in both]
+        helped = [self._helps(group, rows) for group, rows in zip(self._groups, left, strict=True)]
+        each = all(self._helps(group, rows, MOST_OF_IT) for group, rows in zip(self._groups, left, strict=True))
+        return each and 2 * sum(helped) > len(helped)
 
     def _held_to(self, settled: tuple[Begun, np.ndarray, Self], seed: int) -> _Held:
         found, slopes, there = settled
@@ -271,8 +278,11 @@ class SharedSearch(SharedFit):
         else:
             by_group = [0.5 * (_least_cost(old) - _least_cost(new)) for (_, old), (_, new) in both]
             evidence = sum(by_group)
-            if min(by_group) < -DECISIVE_NATS:
-                return None  # what some have, and others do better without, is theirs alone
+            # what some have, and others do better without, is theirs alone; where a load hangs all beneath it feel it,
+            # and that it is a point on a line is its form
+            of_its_form = REFINEMENT * evidence if cause.is_load else 0.0
+            if min(by_group) < -(DECISIVE_NATS + of_its_form):
+                return None
         if evidence < DECISIVE_NATS:
             return None
         told = _told_apart(settled[0] if settled else best, fits, self._cost_without)

@@ -106,10 +106,10 @@ class SharedFit:
         helped = [self._helps(*each) for each in zip(self._groups, self._split(begun.rows), strict=True)]
         return 2 * sum(helped) > len(helped)
 
-    def _helps(self, group: GroupRows, rows: np.ndarray) -> bool:
-        """Whether a group that is left with rows (m,) is at its floor, or without its share of what is above that."""
+    def _helps(self, group: GroupRows, rows: np.ndarray, share: float = SHARED_TAKEN) -> bool:
+        """Whether a group that is left with rows (m,) is at its floor, or without a share of what is above that."""
         nothing, left = float(group.rows @ group.rows), float(rows @ rows)
-        return left <= max(FLOOR_CHI_SQUARE * group.floor_cost, nothing - SHARED_TAKEN * (nothing - group.floor_cost))
+        return left <= max(FLOOR_CHI_SQUARE * group.floor_cost, nothing - share * (nothing - group.floor_cost))
 
     def _split(self, rows: np.ndarray) -> list[np.ndarray]:
         """Rows (m, ...) of all groups by group."""

@@ -28,6 +28,9 @@ RACE_ROLLOUTS = (
     Count(6, "roll-outs", "of the better half of these in the third"),
     Count(12, "roll-outs", "of those that are left"),
 )
+ON_THE_WAY = Threshold(
+    0.2, "1", "of what a further effect has to take: less of all in the first round of the race is none; right ones all"
+)
 LEAST_RACING = Count(5, "candidates", "that a race leaves, fitted until they have settled")
 FULL_FIT_ROLLOUTS = Count(12, "roll-outs", "of a finalist's fit on all motion beside those of its derivatives")
 NUISANCE_ROLLOUTS = Count(12, "roll-outs", "of a round of the nuisances beside those of its derivatives")
