@@ -111,7 +111,8 @@ def raced(screening: Screening, entered: Sequence[FirstFit], most: float = np.in
         moved.sort(key=lambda first: first.cost)
         if last:
             return [*moved, *out]
-        if screening.cost - moved[0].cost < ON_THE_WAY * (screening.cost - most):
+        to_take = screening.cost - most
+        if to_take > 0.0 and screening.cost - moved[0].cost < ON_THE_WAY * to_take:
             return []
         # from here on each goes on from the better of the points of the nuisances that it was begun at
         own = sorted({first.hypothesis.name: first for first in reversed(moved)}.values(), key=lambda first: first.cost)
