@@ -8,7 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from tests.simulation.made import Motion, recorded, saved
+from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.hand import load_hand
+from twin_daemon.recordings.load import load_recording
+from twin_daemon.simulation.alignment import align
+from twin_daemon.simulation.submodel import drive_groups
 from twin_daemon.simulation.terms import EffectTerm, Terms
 from twin_daemon.simulation.twin import TwinModel
 
@@ -80,6 +84,17 @@ def changed_rig(
     made = [recorded(plant, motion, np.random.default_rng(seed), seconds=6.0, noise_rad=noise_rad) for seed in (6, 7)]
     fit, other = (saved(one, folder / f"{number}.mcap") for number, one in enumerate(made))
     return model, fit, other
+
+
+def left_of_rig(folder: Path, key: str, values: Mapping[str, float]) -> Reduced:
+    """The left joint of a rig whose recordings are of one with an effect there, which the model does not have."""
+    model, bag, other = changed_rig(folder, key, values, target="left")
+    twin = TwinModel.load(load_hand(model=model))
+    train, held = ([align(twin, load_recording(path))] for path in (bag, other))
+    group = next(group for group in drive_groups(twin) if "left" in group.joints)
+    (reduced,) = Reduction(twin, train, held).each(twin, [(group, ["left"])])
+    assert reduced is not None
+    return reduced
 
 
 def late_rig(folder: Path) -> tuple[Path, Path]:
