@@ -280,8 +280,7 @@ def _least_taken(first: PartFit, progress: Progress) -> float:
     if not outcome.accepted or _forced(outcome):
         return 0.0
     named = {joint for earlier in outcome.accepted for joint in _judged_joints(earlier.part, earlier.fit)}
-    elsewhere = any(not (part.group_of(joint) or set()) & named for joint in part.suspects)
-    if elsewhere:
+    if any(not (part.group_of(joint) or set()) & named for joint in part.suspects):
         return 0.0
     return 1.0 if progress.enough else _share_of_a_cause(first, part)
 

@@ -95,12 +95,12 @@ def _promising(entered: Sequence[FirstFit]) -> list[FirstFit]:
     ]
 
 
-def raced(screening: Screening, entered: Sequence[FirstFit], most: float = np.inf) -> list[FirstFit]:
+def raced(screening: Screening, entered: Sequence[FirstFit], most: float) -> list[FirstFit]:
     """Candidates that are fitted a little each, the better half goes on, until few are left: successive halving.
 
     Nothing is dropped for where it starts (Jamieson and Talwalkar 2016): a law that is far from its values looks
-    bad until it has moved. Where none is worth its name unless it costs at `most` so much, and none has come a part of
-    the way there once all have been moved, none is left.
+    bad until it has moved. Where one is worth its name only if it brings the cost down to `most`, and none has come a
+    part of the way there once all have been moved, none is left.
     """
     racing = sorted(entered, key=lambda first: first.cost)
     out: list[FirstFit] = []

@@ -63,7 +63,8 @@ def next_effect(
     # at the floor, with nothing far off, an effect has to be worth its name
     forced = late or any(abs(s) > DEVIATING_SIGMA for s in part.base.deviations.values())
     unforced = part.within_floor and not forced
-    most = min((1.0 - takes) * screening.cost, np.inf if against is None else MOST_OF_IT * screening.cost_of(against))
+    reach = np.inf if against is None else MOST_OF_IT * screening.cost_of(against)
+    most = min(reach, (1.0 - takes) * screening.cost)
     tried: dict[str, FirstFit] = {}
     for first in raced(screening, shortlist(screening, part, outcome, unforced=unforced), most):
         other = tried.get(first.hypothesis.name)
@@ -73,9 +74,7 @@ def next_effect(
         for first in first_fits:
             outcome.tried.append(lost(first.hypothesis, 0.5 * (screening.cost - first.cost), TAKES_LITTLE))
         return None
-    if not first_fits:
-        return None
-    if against is not None and first_fits[0].cost > most:
+    if not first_fits or first_fits[0].cost > reach:
         return None
     only = against is None and not outcome.accepted
     fits = _in_full(part, validation, screening, first_fits, say, outcome, only=only)

@@ -164,11 +164,9 @@ class SharedSearch(SharedFit):
         if not found:
             return False
         changes = np.column_stack([one.rows - self._nothing for one in found])
-        both = list(zip(self._groups, self._split(changes), strict=True))
-        left = [group.rows - change @ np.linalg.lstsq(change, group.rows, rcond=None)[0] for group, change in both]
-        helped = [self._helps(group, rows) for group, rows in zip(self._groups, left, strict=True)]
-        each = all(self._helps(group, rows, MOST_OF_IT) for group, rows in zip(self._groups, left, strict=True))
-        return each and 2 * sum(helped) > len(helped)
+        both = zip(self._groups, self._split(changes), strict=True)
+        left = np.concatenate([g.rows - change @ np.linalg.lstsq(change, g.rows, rcond=None)[0] for g, change in both])
+        return self._share_helped(left) > 0.5 and self._share_helped(left, MOST_OF_IT) == 1.0
 
     def _held_to(self, settled: tuple[Begun, np.ndarray, Self], seed: int) -> _Held:
         found, slopes, there = settled

@@ -103,13 +103,15 @@ class SharedFit:
 
     def _helps_most(self, begun: Begun) -> bool:
         """Whether a cause takes its share of what is above the floor from most groups, or brings them to it."""
-        helped = [self._helps(*each) for each in zip(self._groups, self._split(begun.rows), strict=True)]
-        return 2 * sum(helped) > len(helped)
+        return self._share_helped(begun.rows) > 0.5
 
-    def _helps(self, group: GroupRows, rows: np.ndarray, share: float = SHARED_TAKEN) -> bool:
-        """Whether a group that is left with rows (m,) is at its floor, or without a share of what is above that."""
-        nothing, left = float(group.rows @ group.rows), float(rows @ rows)
-        return left <= max(FLOOR_CHI_SQUARE * group.floor_cost, nothing - share * (nothing - group.floor_cost))
+    def _share_helped(self, rows: np.ndarray, taken: float = SHARED_TAKEN) -> float:
+        """Of the groups those that rows (m,) leave at their floor, or without so much of what is above that."""
+        helped = 0
+        for group, left in zip(self._groups, self._split(rows), strict=True):
+            nothing, floor = float(group.rows @ group.rows), group.floor_cost
+            helped += float(left @ left) <= max(FLOOR_CHI_SQUARE * floor, nothing - taken * (nothing - floor))
+        return helped / len(self._groups)
 
     def _split(self, rows: np.ndarray) -> list[np.ndarray]:
         """Rows (m, ...) of all groups by group."""

@@ -29,7 +29,11 @@ RACE_ROLLOUTS = (
     Count(12, "roll-outs", "of those that are left"),
 )
 ON_THE_WAY = Threshold(
-    0.2, "1", "of what a further effect has to take: less of all in the first round of the race is none; right ones all"
+    0.2,
+    "1",
+    "of what a further effect has to take away: where no candidate has come that far in the first round of the race, "
+    "none will. Right ones had come all the way (three pairs of the development half), all beside a law of no library "
+    "less than 0.1",
 )
 LEAST_RACING = Count(5, "candidates", "that a race leaves, fitted until they have settled")
 FULL_FIT_ROLLOUTS = Count(12, "roll-outs", "of a finalist's fit on all motion beside those of its derivatives")
