@@ -22,7 +22,7 @@ STEP_S, RATE_HZ = 0.0005, 125.0
 FINGERS = ("FF", "MF", "RF", "LF")
 MOVED = [f"rh_{f}J{j}" for f in FINGERS for j in (3, 0)] + ["rh_THJ4", "rh_THJ1", "rh_WRJ1"]
 SPREAD, BETWEEN_SESSIONS = 0.2, 0.01
-LOAD_FRICTION, TENDON_SHARE, GAP_RAD = 0.3, 1.5, 0.015
+LOAD_FRICTION, TENDON_SHARE, GAP_RAD, CUBIC_CENTRE_RAD = 0.3, 1.5, 0.015, 0.6
 NOISE_RAD, RESOLUTION_RAD, JITTER_S = 0.0008, float(np.deg2rad(0.2)), 1e-4
 WEEK_S = 7 * 86400
 
@@ -61,7 +61,10 @@ class Case:
 
 @dataclass
 class Plant:
-    """The compiled hand with what MuJoCo has no field for, at one joint: load friction, elastic tendon, play."""
+    """The compiled hand with what MuJoCo has no field for, at one joint: load friction, elastic tendon, play, a spring.
+
+    `gain` and `offset_rad` are of the joint's reading.
+    """
 
     model: mujoco.MjModel
     joint: int
@@ -69,6 +72,9 @@ class Plant:
     load_friction: float = 0.0
     tendon: float | None = None
     gap_rad: float = 0.0
+    cubic: float = 0.0
+    gain: float = 1.0
+    offset_rad: float = 0.0
 
     def moved(self, commands: np.ndarray) -> np.ndarray:
         """Commands (n, nu) at RATE_HZ -> joint angles (n, nj) in rad."""
@@ -99,6 +105,7 @@ class Plant:
                 elif self.gap_rad:
                     torque = kp * float(np.sign(error) * max(abs(error) - 0.5 * self.gap_rad, 0.0))
                     data.qfrc_applied[dof] = torque - kp * error
+                data.qfrc_applied[dof] -= self.cubic * (data.qpos[adr] - CUBIC_CENTRE_RAD) ** 3
                 m.dof_frictionloss[dof] = dry + self.load_friction * abs(torque)
                 data.ctrl[:] = target
                 mujoco.mj_step(m, data)
@@ -130,13 +137,11 @@ def make(folder: Path, model: Path, change: str, seed: int, seconds: float = 20.
     return case
 
 
-def record(
-    plant: Plant, path: Path, week: int, seed: int, seconds: float, rng: np.random.Generator, offset_rad: float = 0.0
-) -> None:
-    """Writes what a plant shows of a motion in a week; the sensor of its own joint may be off."""
+def record(plant: Plant, path: Path, week: int, seed: int, seconds: float, rng: np.random.Generator) -> None:
+    """Writes what a plant shows of a motion in a week."""
     time_s, commands = _motion(plant.model, seed, seconds)
     angles = plant.moved(commands)
-    angles[:, plant.joint] += offset_rad
+    angles[:, plant.joint] = plant.gain * angles[:, plant.joint] + plant.offset_rad
     stamps = time_s + 1.0 / RATE_HZ + rng.normal(0.0, JITTER_S, len(time_s))
     read = np.round((angles + rng.normal(0.0, NOISE_RAD, angles.shape)) / RESOLUTION_RAD) * RESOLUTION_RAD
     joints = [plant.model.joint(i).name for i in range(plant.model.njnt)]

@@ -32,6 +32,9 @@ CASES: dict[str, tuple[str, ...]] = {
     "hand_load_friction": ("load_friction",),
     "hand_backlash": ("backlash",),
     "hand_slack_tendon": ("tendon_elasticity", "actuator_gain"),
+    "hand_payload": ("payload",),
+    "hand_cubic_spring": ("nonlinear_spring",),
+    "hand_sensor_gain": ("sensor_gain", "spring"),
 }
 """The effect that is hidden, and one that these data may call as likely."""
 
@@ -43,21 +46,24 @@ def make(folder: Path, model: Path, name: str, seed: int) -> None:
     body = rng.uniform(1.0 - SPREAD, 1.0 + SPREAD, (3, 64))
     for week, (tag, seconds) in enumerate(SECONDS.items()):
         plant = plant_of(model, joint, body * rng.normal(1.0, BETWEEN_SESSIONS, (3, 64)))
-        offset_rad = _hide(plant, name, strength) if tag != "healthy" else 0.0
-        record(plant, folder / f"{name}_{tag}", week, int(rng.integers(1 << 30)), seconds, rng, offset_rad)
+        if tag != "healthy":
+            _hide(plant, name, strength)
+        record(plant, folder / f"{name}_{tag}", week, int(rng.integers(1 << 30)), seconds, rng)
     right = list(CASES[name])
     truth = {
         "case": name,
         "model": str(model),
         "right": right,
-        "joints": [joint] if right else [],
+        "joints": [joint.replace("J3", f"J{i}") for i in (3, 2, 1)]
+        if name == "hand_payload"
+        else [joint] * bool(right),
         "strength": strength,
     }
     (folder / f"{name}.truth.json").write_text(json.dumps(truth))
 
 
-def _hide(plant: Plant, name: str, strength: float) -> float:
-    """Hides a case's effect in a plant; the offset of its reading in rad."""
+def _hide(plant: Plant, name: str, strength: float) -> None:
+    """Hides a case's effect in a plant."""
     m, dof, servo = plant.model, int(plant.model.jnt_dofadr[plant.joint]), plant.actuator
     if name == "hand_weak_servo":
         left = 0.7 - 0.25 * (strength - 1.0)
@@ -73,7 +79,15 @@ def _hide(plant: Plant, name: str, strength: float) -> float:
         plant.gap_rad = 0.03 * strength
     if name == "hand_slack_tendon":
         plant.tendon = 2.5 / strength * float(m.actuator_gainprm[servo, 0])
-    return 0.05 * strength if name == "hand_sensor_offset" else 0.0
+    if name == "hand_payload":
+        finger = m.joint(plant.joint).name[3:5].lower()
+        m.body_mass[m.body(f"rh_{finger}distal").id] += 0.1 * strength
+    if name == "hand_cubic_spring":
+        plant.cubic = 0.45 * strength
+    if name == "hand_sensor_gain":
+        plant.gain = 1.0 - 0.1 * strength
+    if name == "hand_sensor_offset":
+        plant.offset_rad = 0.05 * strength
 
 
 def score(folder: Path) -> None:

@@ -111,10 +111,10 @@ def watched(folder: Path, model: Path, seed: int, weeks: Sequence[int]) -> Hand:
     healthy = None
     for week in (0, *weeks):
         plant = plant_of(model, joint, body * rng.normal(1.0, BETWEEN_SESSIONS, (3, 64)))
-        worn, offset_rad = _wear(plant, law, week, rate, begins, warm)
+        worn = _wear(plant, law, week, rate, begins, warm)
         bag = folder / f"hand{seed}_week{week}"
         if not bag.exists():
-            record(plant, bag, week, 1000 * seed + week, SECONDS, rng, offset_rad)
+            record(plant, bag, week, 1000 * seed + week, SECONDS, rng)
         read = align(twin, load_recording(bag))
         if healthy is None:
             healthy = read
@@ -127,32 +127,33 @@ def watched(folder: Path, model: Path, seed: int, weeks: Sequence[int]) -> Hand:
     return Hand(seed, law, joint, effect, tuple(looks))
 
 
-def _wear(
-    plant: Plant, law: str, week: int, rate: float, begins: int, warm: tuple[float, float]
-) -> tuple[float, float]:
-    """Wears a plant; (the ratio, or the amount, that it is worn by; the offset of its reading in rad)."""
+def _wear(plant: Plant, law: str, week: int, rate: float, begins: int, warm: tuple[float, float]) -> float:
+    """Wears a plant; the ratio, or the amount, that it is worn by."""
     m, dof, a = plant.model, int(plant.model.jnt_dofadr[plant.joint]), plant.actuator
     if law == "temperature swings":
         sway = 1.0 + rate * float(np.sin(warm[0] * week + warm[1]) - np.sin(warm[1]))
         m.dof_damping *= sway
         m.dof_frictionloss *= sway
-        return sway, 0.0
+        return sway
     if law == "viscous friction grows":
         m.dof_damping[dof] *= 1.0 + rate * week
-        return 1.0 + rate * week, 0.0
+        return 1.0 + rate * week
     if law == "dry friction grows":
         m.dof_frictionloss[dof] *= 1.0 + rate * week
-        return 1.0 + rate * week, 0.0
+        return 1.0 + rate * week
     if law == "gain fades":
         ratio = 1.0 - rate * week
         m.actuator_gainprm[a, 0] *= ratio
         m.actuator_biasprm[a, 1] *= ratio
-        return ratio, 0.0
+        return ratio
     there = rate if week >= begins else 0.0
     if law == "play appears":
         plant.gap_rad = there
-        return there, 0.0
-    return (there, there) if law == "offset after a repair" else (0.0, 0.0)
+        return there
+    if law == "offset after a repair":
+        plant.offset_rad = there
+        return there
+    return 0.0
 
 
 def _amount(change: Change) -> float:

@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 
 from tests.simulation.made import Motion, recorded, saved
+from twin_daemon.changes.quantities import quantities, with_companions
 from twin_daemon.cli.app import main
 from twin_daemon.hand import load_hand
 from twin_daemon.recordings import load_recording
-from twin_daemon.simulation.terms import Terms
+from twin_daemon.simulation.terms import EffectTerm, Terms
 from twin_daemon.simulation.twin import TwinModel
 from twin_daemon.versions import VersionStore
 from twin_daemon.versions.version import Draft, ParameterRecord, RecordingUsed
@@ -28,6 +29,13 @@ _MODEL = """<mujoco model="elbow"><compiler angle="radian"/><option timestep="0.
 <joint name="elbow" axis="0 1 0" range="-1.5 1.5" damping="0.2" armature="0.004" frictionloss="0.02"/>
 <geom type="capsule" fromto="0 0 0 0.2 0 0" size="0.02" mass="0.2" contype="0" conaffinity="0"/></body></worldbody>
 <actuator><position name="elbow" joint="elbow" kp="4" ctrlrange="-1.5 1.5"/></actuator></mujoco>"""
+_ARM = """<mujoco model="arm"><compiler angle="radian"/><option timestep="0.002"/><worldbody><body name="link">
+<joint name="elbow" axis="0 1 0" range="-1.5 1.5" damping="0.2" armature="0.004" frictionloss="0.02"/>
+<geom type="capsule" fromto="0 0 0 0.2 0 0" size="0.02" mass="0.2" contype="0" conaffinity="0"/>
+<body name="tip" pos="0.2 0 0"><joint name="wrist" axis="0 1 0" range="-1.5 1.5" damping="0.05" armature="0.002"/>
+<geom type="capsule" fromto="0 0 0 0.15 0 0" size="0.02" mass="0.1" contype="0" conaffinity="0"/></body></body>
+</worldbody><actuator><position name="elbow" joint="elbow" kp="4" ctrlrange="-1.5 1.5"/>
+<position name="wrist" joint="wrist" kp="2" ctrlrange="-1.5 1.5"/></actuator></mujoco>"""
 _HEALTHY: Motion = {
     JOINT: (
         [0.0, 0.4, 0.41, 1.2, 2.2, 2.5, 2.51, 3.2, 3.8, 4.4, 4.41, 5.5, 6.5, 7.0],
@@ -64,10 +72,10 @@ def since(model: Path) -> Callable[..., dict[str, Any]]:
 
     answers: dict[str, dict[str, Any]] = {}
 
-    def answer(name: str, factors: dict[str, float]) -> dict[str, Any]:
+    def answer(name: str, factors: dict[str, float], *effects: EffectTerm) -> dict[str, Any]:
         if name in answers:
             return answers[name]
-        worn = Terms(parameters={k: v * factors.get(k, 1.0) for k, v in OFF.items()})
+        worn = Terms(parameters={k: v * factors.get(k, 1.0) for k, v in OFF.items()}, effects=effects)
         now = made(name, _NOW, 2, worn)
         path = model.parent / f"{name}.json"
         given = ["--model", str(model), "--recording", str(now), "--baseline", str(healthy())]
@@ -105,6 +113,64 @@ def test_a_parameter_that_has_changed_is_named_with_how_much(
     rivals = {rival.partition(":")[0] for rival in change["rivals"]}
     assert rivals <= ({"tendon_elasticity"} if kind == "kp" else set()), "in series with a servo a tendon yields alike"
     assert change["remedy"]
+
+
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [
+        ("sensor_gain", {"factor": 0.94}),
+        ("nonlinear_spring", {"cubic": 1.2, "centre": 0.3}),
+        ("spring", {"stiffness": 0.3, "preload": 0.1}),
+    ],
+)
+@pytest.mark.slow
+def test_an_effect_that_has_appeared_is_named_with_its_values(
+    since: Callable[..., dict[str, Any]], effect: str, values: dict[str, float]
+) -> None:
+    found = since(effect, {}, EffectTerm(effect=effect, target=JOINT, values=values))
+    change, first = found["changes"][0], found["findings"][0]
+    assert len(found["changes"]) == 1
+    assert (change["effect"], change["joints"]) == (effect, [JOINT])
+    assert {rival.partition(":")[0] for rival in change["rivals"]} <= {"spring", "sensor_gain", "actuator_gain"}
+    assert change["now"]["value"] == pytest.approx(next(iter(values.values())), rel=0.15)
+    for name, value in values.items():
+        assert first["values"][name] == pytest.approx(value, rel=0.15, abs=0.05), name
+
+
+@pytest.mark.slow
+def test_a_load_that_has_been_put_on_is_one_change_of_all_joints_that_carry_it(tmp_path: Path) -> None:
+    model = tmp_path / "arm.xml"
+    model.write_text(_ARM)
+    off = {"elbow.damping": 0.23, "elbow.kp": 3.6, "wrist.kp": 2.2}
+    load = EffectTerm(effect="payload", target="wrist", values={"mass": 0.06})
+    bags: list[str] = []
+    both_sessions: list[tuple[Motion, tuple[EffectTerm, ...]]] = [(_HEALTHY, ()), (_NOW, (load,))]
+    for seed, (motion, effects) in enumerate(both_sessions):
+        points = motion[JOINT]
+        both: Motion = {JOINT: points, "wrist": (points[0], [-0.7 * target for target in reversed(points[1])])}
+        plant = TwinModel.load(load_hand(model=model)).changed(Terms(parameters=off, effects=effects)).at_step(0.0005)
+        one = recorded(plant, both, np.random.default_rng(seed), seconds=7.0, noise_rad=1e-3, name=f"bag{seed}")
+        bags.append(str(saved(one, tmp_path / f"bag{seed}.mcap")))
+    path = tmp_path / "found.json"
+    given = ["--model", str(model), "--baseline", bags[0], "--recording", bags[1], "--json", str(path)]
+    assert main(["diagnose", *given]) == 0
+    found = json.loads(path.read_text())
+    (change,) = found["changes"]
+    assert change["effect"] == "payload"
+    assert set(change["joints"]) == {"elbow", "wrist"}
+    assert change["now"]["value"] == pytest.approx(0.06, rel=0.1)
+    assert change["before"]["value"] is None
+
+
+def test_what_is_said_beside_an_effect_is_no_change_of_its_own(model: Path) -> None:
+    every = quantities(TwinModel.load(load_hand(model=model)), (JOINT,))
+    names = [quantity.name for quantity in every]
+    spring, preload = names.index(f"spring:{JOINT}.stiffness"), names.index(f"spring:{JOINT}.preload")
+    assert with_companions(every, [spring]) == {spring, preload}
+    assert [every[spring].wears, every[preload].wears] == [True, False]
+    stiffens = next(quantity for quantity in every if quantity.effect == "nonlinear_spring")
+    term = stiffens.term(1.0, {"centre": 0.4})
+    assert term.values == {"cubic": pytest.approx(stiffens.typical), "centre": 0.4}
 
 
 def test_where_nothing_has_changed_nothing_is_named_and_what_would_have_been_seen_is_said(

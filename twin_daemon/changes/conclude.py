@@ -8,10 +8,11 @@ from datetime import UTC, datetime
 import numpy as np
 
 from twin_daemon.changes.answer import Change, Since, Unchanged, Undetectable, Valued
+from twin_daemon.changes.diagnosed import as_change
 from twin_daemon.changes.group_search import GroupFound
 from twin_daemon.changes.quantities import Quantity
-from twin_daemon.changes.thresholds import BLOCK_SAMPLES, LEFT_OVER, NAMED, POSSIBLE
-from twin_daemon.diagnosis.verdict import Finding, PartSummary, VerdictName
+from twin_daemon.changes.thresholds import AS_GOOD_AS_NONE, BLOCK_SAMPLES, LEFT_OVER, NAMED, POSSIBLE
+from twin_daemon.diagnosis.verdict import Diagnosis, Finding, PartSummary, VerdictName
 from twin_daemon.effects import LIBRARY
 from twin_daemon.estimation.estimate import Estimate
 from twin_daemon.estimation.thresholds import RELATIVE_FLOOR, Z95
@@ -20,9 +21,17 @@ from twin_daemon.simulation.alignment import Aligned
 
 
 def conclude(
-    found: Sequence[GroupFound], now: Sequence[Aligned], touching: Sequence[str], seed: int, interrupted: bool
+    found: Sequence[GroupFound],
+    told: Sequence[Diagnosis],
+    now: Sequence[Aligned],
+    touching: Sequence[str],
+    seed: int,
+    interrupted: bool,
 ) -> Since:
-    """The verdict of all groups, with every change as a finding under the effect that it stands for."""
+    """The verdict of all groups, with every change as a finding under the effect that it stands for.
+
+    `told` are diagnoses of the groups that are not among `found`.
+    """
     first_seen = _utc(min(int(r.recording.stamp_ns[0]) for r in now))
     pairs = [(group, index) for group in found for index in group.changed]
     pairs.sort(key=lambda pair: -pair[0].evidence[pair[1]])
@@ -30,11 +39,14 @@ def conclude(
     findings = tuple(
         _finding(group, index, change, seed) for (group, index), change in zip(pairs, changes, strict=True)
     )
+    shared = [finding for one in told for finding in one.findings]
+    changes = (*changes, *(as_change(finding, first_seen) for finding in shared))
+    findings = (*findings, *shared)
     worst = max(found, key=lambda group: group.left, default=None)
     ambiguous = [change for change in changes if change.rivals]
     unchanged, undetectable = _not_changed(found)
     verdict: VerdictName
-    if not found:
+    if not found and not told:
         verdict = "unexplained" if interrupted else "not_excited"
         reason = f"{', '.join(touching) or 'no joint'}: too little motion clear of contacts in both sessions"
     elif worst is not None and worst.left > LEFT_OVER:
@@ -67,7 +79,8 @@ def conclude(
                 within_floor=not group.changed and group.left <= LEFT_OVER,
             )
             for group in found
-        },
+        }
+        | {name: part for one in told for name, part in one.parts.items()},
         changes=changes,
         unchanged=unchanged,
         undetectable=undetectable,
@@ -120,7 +133,7 @@ def _ratio(quantity: Quantity, at: float, by: float, covariance: np.ndarray) -> 
         half = float(np.hypot(Z95 * np.sqrt(max(covariance[1, 1], 0.0)), RELATIVE_FLOOR))
         return Valued(value=float(np.exp(by)), ci95=(float(np.exp(by - half)), float(np.exp(by + half))))
     sigma = float(np.sqrt(max(covariance[0, 0], 0.0)))
-    if quantity.signed or at < 2.0 * Z95 * sigma or at + by <= 0.0:
+    if quantity.signed or at < max(2.0 * Z95 * sigma, AS_GOOD_AS_NONE * (at + by)) or at + by <= 0.0:
         return unknown
     # of the logarithm of (at + by) / at
     slope = np.array([1.0 / (at + by) - 1.0 / at, 1.0 / (at + by)])
@@ -139,7 +152,7 @@ def _words(quantity: Quantity, before: Valued, now: Valued, ratio: Valued, first
         size = f"{100.0 * (ratio.value - 1.0):+.0f} % ({low} to {high} %)"
     else:
         size = f"{before.value:.3g} -> {now.value:.3g} {quantity.unit} ({now.ci95[0]:.3g} to {now.ci95[1]:.3g})"
-        size = size.replace("nan -> ", "none -> ")
+        size = size.replace("nan -> ", "none -> ").replace(" 1 (", " (")
     return f"{where}: {what} {size} by {first_seen[:10]}, probability {probability:.2f}"
 
 
@@ -156,7 +169,10 @@ def _finding(group: GroupFound, index: int, change: Change, seed: int) -> Findin
         value = change.now.value - change.before.value
         ci95 = tuple((end - 1.0) * change.before.value for end in change.ratio.ci95)
     low, high = ci95
-    values = effect.neutral() | {name: value} if quantity.is_parameter else quantity.term(_amount(group, index)).values
+    if quantity.is_parameter:
+        values = effect.neutral() | {name: value}
+    else:
+        values = dict(quantity.term(_amount(group, index), _beside(group, quantity)).values)
     without, with_it = group.held_squares
     known = without.size > 0
     story = effect.story
@@ -174,6 +190,12 @@ def _finding(group: GroupFound, index: int, change: Change, seed: int) -> Findin
         confusable_with=change.rivals,
         explanation=f"{change.words}. {story.what} Likely cause: {story.cause} What to do: {story.remedy}",
     )
+
+
+def _beside(group: GroupFound, owner: Quantity) -> dict[str, float]:
+    """The values now of what is said beside a quantity, by parameter."""
+    beside = [(i, q) for i, q in enumerate(group.quantities) if q.beside == owner.name]
+    return {q.parameter or "": q.value(_amount(group, i)) or 0.0 for i, q in beside}
 
 
 def _amount(group: GroupFound, index: int) -> float:
@@ -196,8 +218,10 @@ def _not_changed(found: Sequence[GroupFound]) -> tuple[tuple[Unchanged, ...], tu
                 why = f"not decided: probability {group.probability[index]:.2f}, below {NAMED:g}"
                 undetectable.append(Undetectable(**about, why=why))
             else:
-                ratio = float(np.exp(least)) if quantity.is_parameter else None
                 amount = None if quantity.is_parameter else quantity.value(least)
+                ratio = float(np.exp(least)) if quantity.is_parameter else None
+                if amount is not None and quantity.nominal:  # of a factor
+                    amount, ratio = None, amount / quantity.nominal
                 unchanged.append(Unchanged(**about, unit=quantity.unit, least_ratio=ratio, least=amount))
     return tuple(unchanged), tuple(undetectable)
 

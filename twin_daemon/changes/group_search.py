@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
-from twin_daemon.changes.healthy_model import settled
+from twin_daemon.changes.group import Group
 from twin_daemon.changes.joint_fit import Fit, Pair
-from twin_daemon.changes.quantities import Quantity, quantities
+from twin_daemon.changes.quantities import Quantity, with_companions
 from twin_daemon.changes.sag import softer_tendons
 from twin_daemon.changes.sessions import Session
 from twin_daemon.changes.thresholds import (
@@ -23,33 +23,9 @@ from twin_daemon.changes.thresholds import (
     NOTHING_CHANGED,
     ROUGH,
     SEEN,
-    SPIKE,
     TOLD_APART_NATS,
     WORTH_REFITTING,
 )
-from twin_daemon.estimation.nuisances import nuisance_variables
-from twin_daemon.estimation.partition import Reduced
-from twin_daemon.estimation.posterior import Correction, floor_and_corrections
-from twin_daemon.simulation.alignment import Aligned
-from twin_daemon.simulation.twin import TwinModel
-
-
-@dataclass(frozen=True)
-class Believed:
-    """What is known of shared amounts before: centre and sigma of z by a quantity's name."""
-
-    centre: Mapping[str, float] = field(default_factory=dict)
-    sigma: Mapping[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Sessions:
-    """Pieces of a group's motion: of the earlier session (none where a version stands for it), of the later one, and of
-    the later one's that is held out."""
-
-    before: tuple[Aligned, ...]
-    now: tuple[Aligned, ...]
-    held: tuple[Aligned, ...] = ()
 
 
 @dataclass
@@ -76,46 +52,18 @@ class GroupFound:
     held_squares: tuple[np.ndarray, np.ndarray] = (np.empty(0), np.empty(0))
 
 
-def search_group(
-    reduced: Reduced, sessions: Sessions, candidates: int, believed: Believed | None = None, spread: float = SPIKE
-) -> GroupFound:
-    """One group's changes. `candidates` is how many changes are looked for in the whole robot: each pays for that.
-
-    `spread` is how much a parameter differs between sessions without wear, one sigma of its logarithm.
-    """
-    twin, joints = reduced.twin, reduced.joints
-    every = quantities(twin, joints, spread)
-    floor, _ = _floor(twin, sessions.before or sessions.now, joints)
-    earlier = _session(twin, sessions.before, joints, every, floor) if sessions.before else None
-    later = _session(twin, sessions.now, joints, every, floor)
-    known = believed or Believed()
-    means = np.array([known.centre.get(q.name, 0.0) for q in every])
-    sigmas = np.array([known.sigma.get(q.name, q.shared_sigma) for q in every])
-    pair, start = settled(Pair(earlier, later, means, sigmas))
+def search_group(group: Group, candidates: int) -> GroupFound:
+    """One group's changes. `candidates` is how many changes are looked for in the whole robot: each pays for that."""
     price = float(np.log((1.0 - NOTHING_CHANGED) / NOTHING_CHANGED / max(candidates, 1)))
-    found = _select(reduced.name, pair, start, price)
-    if sessions.held:
-        found.held_squares = _held_squares(found, _session(twin, sessions.held, joints, found.quantities, floor))
+    found = _select(group, price)
+    if (held := group.held(found.quantities)) is not None:
+        found.held_squares = _held_squares(found, held)
     return found
 
 
-def _floor(twin: TwinModel, pieces: Sequence[Aligned], joints: Sequence[str]) -> tuple[np.ndarray, list[Correction]]:
-    return floor_and_corrections(twin, pieces, nuisance_variables(twin, pieces, joints), joints)
-
-
-def _session(
-    twin: TwinModel,
-    pieces: tuple[Aligned, ...],
-    joints: tuple[str, ...],
-    every: tuple[Quantity, ...],
-    floor: np.ndarray,
-) -> Session:
-    return Session(twin, pieces, joints, every, floor, _floor(twin, pieces, joints)[1])
-
-
-def _select(name: str, pair: Pair, start: Fit | None, price: float) -> GroupFound:
+def _select(group: Group, price: float) -> GroupFound:
     """Greedy forward selection: a change is taken in while it is probable that there is another, all refitted."""
-    without = found = pair.fit((), start)
+    pair, start, found = group.pair, group.start, group.without
     chosen: tuple[int, ...] = ()
     probability: dict[int, float] = {}
     evidence: dict[int, float] = {}
@@ -145,7 +93,7 @@ def _select(name: str, pair: Pair, start: Fit | None, price: float) -> GroupFoun
     chosen = kept
     seen_from = _seen_from(found, price)
     return GroupFound(
-        name,
+        group.reduced.name,
         pair.now.joints,
         found.pair.now.quantities,
         found,
@@ -154,7 +102,7 @@ def _select(name: str, pair: Pair, start: Fit | None, price: float) -> GroupFoun
         evidence,
         rivals,
         seen_from,
-        _left(without),
+        _left(group.without),
         _left(found),
     )
 
@@ -182,7 +130,8 @@ def _held_squares(found: GroupFound, held: Session) -> tuple[np.ndarray, np.ndar
     q, point = len(found.quantities), found.fit.point
     held = held.with_active(found.fit.pair.now.active)
     delays = np.zeros(len(held.onset_sigmas))
-    changes = np.where(np.isin(np.arange(q), found.changed), point[q : 2 * q], 0.0)
+    changed = with_companions(found.quantities, found.changed)
+    changes = np.where(np.isin(np.arange(q), list(changed)), point[q : 2 * q], 0.0)
     known = np.array([i in held.active or quantity.is_parameter for i, quantity in enumerate(found.quantities)])
     both = [np.concatenate([np.where(known, z, 0.0), delays]) for z in (point[:q], point[:q] + changes)]
     squares = held.gaps(np.array(both)) ** 2
@@ -205,7 +154,8 @@ def _tried(
             continue
         for origin in (fit, *([start] if start is not None else [])):
             aim, evidence = origin.expected((*chosen, index))
-            if quantity.grows and min(aim[pair.count + index], aim[index] + aim[pair.count + index]) < 0.0:
+            least = min(aim[pair.count + index], aim[index] + aim[pair.count + index])
+            if quantity.grows and not quantity.may_only_pull and least < 0.0:
                 continue  # less than none of it
             gained = evidence - origin.expected(chosen)[1]
             if index not in odds or gained > odds[index]:
@@ -223,7 +173,10 @@ def _tried(
         known = dict(fits)
         for index in asked:
             changed = (*chosen, index)
-            begins = [one for origin in begun[index] for one in _refitted(origin, changed, index, FIRST_ROUNDS)]
+            first = [one for origin in begun[index] for one in _refitted(origin, changed, index)]
+            first.sort(key=lambda one: -one.log_evidence)
+            better = first[: (len(first) + 1) // 2]  # what is far behind after a step is not followed
+            begins = [one.pair.fit(changed, one, FIRST_ROUNDS - 1) for one in better]
             fits[index] = _ended(max(begins, key=lambda one: one.log_evidence), changed, fits)
         for index, found in softer_tendons({i: fits[i] for i in asked}, chosen).items():
             if index not in fits or found.log_evidence > fits[index].log_evidence:
@@ -255,18 +208,26 @@ def _best_without(fit: Fit, fits: Collection[Fit], chosen: tuple[int, ...]) -> f
     return max([fit.log_evidence, *(one.pair.fit(chosen, one, FIRST_ROUNDS).log_evidence for one in better)])
 
 
-def _refitted(origin: Fit, changed: tuple[int, ...], index: int, rounds: int) -> list[Fit]:
-    """A change fitted in roll-outs; an effect is put into the models of both sessions for that, by each of its laws."""
+def _refitted(origin: Fit, changed: tuple[int, ...], index: int) -> list[Fit]:
+    """A change after a step in roll-outs; an effect is put into the models of both sessions, by each of its laws."""
     pair, quantity = origin.pair, origin.pair.now.quantities[index]
-    if not quantity.grows or index in pair.now.active:
-        return [pair.fit(changed, origin, rounds)]
-    aim = origin.expected(changed)[0]
-    # to first order all else makes room for it, which what is not smooth need not do: begun as well where all else is
-    alone = origin.point.copy()
-    alone[[index, pair.count + index]] = 0.0, max(aim[index] + aim[pair.count + index], quantity.spike)
-    begun = [Fit(pair, point, origin.rows, origin.slopes, origin.changed) for point in (aim, alone)]
+    if quantity.is_parameter or index in pair.now.active:
+        return [pair.fit(changed, origin, 1)]
+    points = [origin.expected(changed)[0]]
+    if quantity.grows:
+        # to first order all else makes room for it, which what is not smooth need not do: begun where all else is, too
+        alone = origin.point.copy()
+        alone[[index, pair.count + index]] = 0.0, max(_alone(origin, pair.count + index, quantity.slab), quantity.spike)
+        points.append(alone)
+    begun = [Fit(pair, point, origin.rows, origin.slopes, origin.changed) for point in points]
     laws = [pair.with_quantity(index, law).with_active(pair.now.active | {index}) for law in quantity.laws()]
-    return [law.fit(changed, one, rounds) for law in laws for one in begun]
+    return [law.fit(changed, one, 1) for law in laws for one in begun]
+
+
+def _alone(origin: Fit, place: int, sigma: float) -> float:
+    """How much of a change there would be if all else stayed where it is, to first order."""
+    column = origin.slopes[:, place]
+    return float(origin.point[place] - column @ origin.rows / (column @ column + 1.0 / sigma**2))
 
 
 def _is_present(pair: Pair, index: int) -> bool:
@@ -277,15 +238,13 @@ def _is_present(pair: Pair, index: int) -> bool:
 def _seen_from(fit: Fit, price: float) -> dict[int, float]:
     """By quantity the change of z from which its probability would have been SEEN, had nothing else changed."""
     found = {}
+    spikes = fit.pair.sigmas(())[fit.pair.count :]
     for index, quantity in enumerate(fit.pair.now.quantities):
         if quantity.wears:
             variance = fit.said_of(index)[1]
-            spike, slab = variance + quantity.spike**2, variance + quantity.slab**2
-            asked = (
-                float(np.log(SEEN / (1.0 - SEEN))) - price + 0.5 * float(np.log(slab / spike))
-                if np.isfinite(variance)
-                else np.inf
-            )
+            spike, slab = variance + spikes[index] ** 2, variance + quantity.slab**2
+            asked = float(np.log(SEEN / (1.0 - SEEN))) - _odds_before(fit.pair, index, price)
+            asked += 0.5 * float(np.log(slab / spike)) if np.isfinite(variance) else np.inf
             found[index] = float(np.sqrt(2.0 * asked / (1.0 / spike - 1.0 / slab))) if np.isfinite(asked) else np.inf
     return found
 

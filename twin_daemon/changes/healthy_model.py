@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+from dataclasses import replace
+
 import numpy as np
 
 from twin_daemon.changes.joint_fit import Fit, Pair
@@ -14,13 +17,14 @@ from twin_daemon.changes.thresholds import (
     PRESENT_START,
     WITHIN,
 )
+from twin_daemon.effects import LIBRARY
 
 
 def settled(pair: Pair) -> tuple[Pair, Fit | None]:
     """The pair with its noise as the earlier session has it, with the effects in its models that this shows."""
     if pair.before is None:
         _look(pair, pair.start)
-        return pair, None
+        return _placed(pair, pair.start), None
     alone = pair.baseline_only()
     fit = alone.fit(())
     _look(alone, fit.point)
@@ -38,15 +42,35 @@ def settled(pair: Pair) -> tuple[Pair, Fit | None]:
     assert pair.before is not None
     pair.before.columns, pair.before.weights = alone.before.columns, alone.before.weights
     pair.now.columns, pair.now.weights = alone.now.columns, alone.now.weights
+    pair = _placed(pair, fit.point)
     rows = pair.rows(fit.point)
     return pair, Fit(pair, fit.point, rows, pair.slopes(fit.point, rows), frozenset())
 
 
-def _look(pair: Pair, point: np.ndarray) -> None:
+def _placed(pair: Pair, point: np.ndarray) -> Pair:
+    """The pair with springs that stiffen slack where the later session would have them, if there are any."""
+    seen_at = pair.points(point)[1]
+    twin, every = pair.now.twin, pair.now.quantities
+    for index, quantity in enumerate(every):
+        owner = next((i for i, other in enumerate(every) if other.name == quantity.beside), None)
+        if owner is None or owner in pair.now.active or quantity.parameter != "centre":
+            continue
+        seen = pair.now.seen(seen_at, quantity.target)
+        starts = LIBRARY[quantity.effect].suggested(twin.scale(quantity.target), seen)
+        if starts:
+            pair = pair.with_quantity(index, replace(quantity, nominal=starts[0]["centre"]))
+            pair = pair.with_quantity(owner, every[owner])  # what is known of it was about another centre
+            _look(pair, point, (owner, index))
+    return pair
+
+
+def _look(pair: Pair, point: np.ndarray, among: Collection[int] = ()) -> None:
+    """Differences the effects that are not in the models at a point, or these of them."""
     for session, at in zip((pair.before, pair.now), pair.points(point), strict=True):
         if session is not None:
             for index, quantity in enumerate(pair.now.quantities):
-                if not quantity.is_parameter and index not in session.active:
+                asked = not among or index in among
+                if asked and not quantity.is_parameter and index not in session.active:
                     session.look_at(at, index)
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin_daemon.changes.quantities import Quantity
+from twin_daemon.changes.quantities import Quantity, with_companions
 from twin_daemon.changes.sessions import Session
 from twin_daemon.changes.thresholds import ABSENT, DRAWN, NEARBY, ROUNDS, SETTLED_NATS
 from twin_daemon.estimation.solvers.trust_region import bounded_step
@@ -92,9 +92,11 @@ class Pair:
 
         An effect that is neither in the models nor has changed is not there.
         """
+        every = self.now.quantities
+        changed = with_companions(every, changed)
         is_slab = np.isin(np.arange(self.count), list(changed))
         there = np.array(
-            [not q.grows or i in self.now.active or i in changed for i, q in enumerate(self.now.quantities)]
+            [not (q.grows or q.beside) or i in self.now.active or i in changed for i, q in enumerate(every)]
         )
         shared = np.where(there, self._shared, ABSENT)
         return np.concatenate(
@@ -104,6 +106,11 @@ class Pair:
     @property
     def start(self) -> np.ndarray:
         return self.means.copy()
+
+    @property
+    def _never_less(self) -> list[int]:
+        """Effects in the models of which there is none or some."""
+        return [i for i in sorted(self.now.active) if self.now.quantities[i].grows]
 
     def with_active(self, active: Collection[int]) -> Pair:
         """The same with these effects in the models of both sessions."""
@@ -188,7 +195,7 @@ class Pair:
         slopes = np.concatenate([fit.slopes * scale, np.eye(len(scale))])
         rows = np.concatenate([fit.rows, (fit.point - self.means) / scale])
         low = np.full(len(scale), -np.inf)
-        low[list(self.now.active)] = -fit.point[list(self.now.active)] / scale[list(self.now.active)]
+        low[self._never_less] = -fit.point[self._never_less] / scale[self._never_less]
         while radius > SMALLEST_RADIUS:
             step, expected = bounded_step(slopes, rows, (low, np.full(len(scale), np.inf)), radius)
             point = self._within(fit.point + scale * step)
@@ -207,7 +214,7 @@ class Pair:
     def _within(self, point: np.ndarray) -> np.ndarray:
         """A point at which no effect in the models is below none, in either session."""
         point = point.copy()
-        for index in self.now.active:
+        for index in self._never_less:
             point[index] = max(point[index], 0.0)
             point[self.count + index] = max(point[self.count + index], -point[index])
         return point

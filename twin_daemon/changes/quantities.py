@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from twin_daemon.changes.thresholds import (
+    ABSENT,
     CREEPS,
     MOTOR_SHARE,
     SHARED_SIGMA,
@@ -28,14 +29,17 @@ STANDS_FOR = {"damping": "viscous_friction", "frictionloss": "coulomb_friction",
 """The effect under whose key the change of a parameter is a finding, by the parameter's kind."""
 
 _KEPT = ("armature",)  # kinds that are uncertain, and do not wear
+_OF_JOINTS = ("load_friction", "sensor_offset", "sensor_gain", "spring", "nonlinear_spring")
 
 
 @dataclass(frozen=True)
 class Quantity:
     """One number of the robot that both sessions have, as a coordinate z which is 0 where the model is.
 
-    A parameter's z is the logarithm of its factor. An effect's is its amount in units of a typical one, `typical`; that
-    of a compliance is over the stiffness. `wears` says that its change is a candidate.
+    A parameter's z is the logarithm of its factor. An effect's is its amount beside `nominal` in units of a typical
+    one, `typical`; that of a compliance is over the stiffness. `wears` says that its change is a candidate. `beside`
+    names the quantity without which it says nothing, such as the spring that has this preload: it is there, and has
+    changed, where that one is and has.
     """
 
     name: str
@@ -47,6 +51,7 @@ class Quantity:
     typical: float = 1.0
     parameter: str | None = None
     signed: bool = False
+    beside: str = ""
     wears: bool = True
     shared_sigma: float = SHARED_SIGMA
     spike: float = SPIKE
@@ -64,13 +69,18 @@ class Quantity:
         """Whether it is an effect of which there is none or some, as a play."""
         return not self.is_parameter and not self.signed
 
+    @property
+    def may_only_pull(self) -> bool:
+        """Whether it may be there with none of its own amount, as a spring that has a preload."""
+        return self.grows and len(LIBRARY[self.effect].presence) > 1
+
     def value(self, z: float) -> float | None:
         """In `unit`; None for the stiffness of what is rigid."""
         if self.is_parameter:
             return float(self.nominal * np.exp(z))
         if self.effect == "tendon_elasticity":
             return float(self.typical / z) if z > 0.0 else None
-        return float(z * self.typical)
+        return float(self.nominal + z * self.typical)
 
     def laws(self) -> tuple[Quantity, ...]:
         """It by every law that it may follow: friction that grows with the load holds at rest, or creeps."""
@@ -78,14 +88,15 @@ class Quantity:
             return tuple(replace(self, creep=float(creep)) for creep in CREEPS)
         return (self,)
 
-    def term(self, z: float) -> EffectTerm:
-        """An effect at an amount, its other values as they usually are."""
+    def term(self, z: float, beside: Mapping[str, float] | None = None) -> EffectTerm:
+        """An effect at an amount with the values `beside` it, its others as they usually are."""
         effect = LIBRARY[self.effect]
         amount = self.value(z)
         assert self.parameter is not None
         values = effect.neutral() | {p.name: p.default for p in effect.parameters if p.log or p.held}
         own = {"motor_share": self.motor_share, "creep": self.creep}
         values |= {name: float(one) for name, one in own.items() if name in values}
+        values |= beside or {}
         values[self.parameter] = effect.neutral()[self.parameter] if amount is None else amount
         return EffectTerm(effect=self.effect, target=self.target, values=effect.complete(effect.clipped(values)))
 
@@ -110,13 +121,20 @@ def quantities(twin: TwinModel, joints: Sequence[str], spread: float = SPIKE) ->
         nominal = twin.parameter(f"{servo}.kp").read(twin.base_model)
         if nominal > 0.0:
             found.append(_parameter(f"{servo}.kp", servo, driven, "kp", nominal, spread))
-    places = [*missing, *((key, joint) for joint in joints for key in ("load_friction", "sensor_offset"))]
+    places = [*missing, *((key, joint) for joint in joints for key in _OF_JOINTS)]
     places += [(key, servo) for servo, _ in driving for key in ("backlash", "tendon_elasticity")]
     present = {(term.effect, term.target) for term in twin.terms.effects}
     for key, target in places:
         if (key, target) not in present and LIBRARY[key].applies(twin.place(target)):
-            found.append(_effect(twin, key, target, joints))
+            effect = _effect(twin, key, target, joints)
+            found += [effect, *_beside(twin, effect)]
     return tuple(found)
+
+
+def with_companions(every: Sequence[Quantity], some: Collection[int]) -> frozenset[int]:
+    """The indices `some` and those of the quantities that are said beside them."""
+    names = {every[i].name for i in some}
+    return frozenset({*some, *(i for i, quantity in enumerate(every) if quantity.beside in names)})
 
 
 def _parameter(name: str, target: str, joints: tuple[str, ...], kind: str, nominal: float, spread: float) -> Quantity:
@@ -137,6 +155,9 @@ def _effect(twin: TwinModel, key: str, target: str, joints: Sequence[str]) -> Qu
     typical, parameter, signed = {
         "load_friction": (0.2, "coefficient", False),
         "sensor_offset": (0.02, "offset", True),
+        "sensor_gain": (0.05, "factor", True),
+        "spring": (0.03 * scale.kp, "stiffness", False),
+        "nonlinear_spring": (0.1 * scale.kp / max(0.5 * scale.span, 1e-3) ** 2, "cubic", False),
         "backlash": (0.02, "gap", False),
         "tendon_elasticity": (4.0 * scale.kp, "stiffness", False),
         "viscous_friction": (0.02 * scale.kp, "damping", False),
@@ -149,7 +170,7 @@ def _effect(twin: TwinModel, key: str, target: str, joints: Sequence[str]) -> Qu
         target=target,
         joints=tuple(joint for joint in twin.joints_of(target) if joint in joints),
         unit=unit,
-        nominal=0.0,
+        nominal=effect.neutral()[parameter] if signed else 0.0,
         typical=typical,
         parameter=parameter,
         signed=signed,
@@ -157,4 +178,33 @@ def _effect(twin: TwinModel, key: str, target: str, joints: Sequence[str]) -> Qu
         spike=SPIKE_UNITS,
         slab=SLAB_UNITS,
         visible=VISIBLE_UNITS,
+    )
+
+
+def _beside(twin: TwinModel, owner: Quantity) -> tuple[Quantity, ...]:
+    """What else says how an effect acts: a spring's preload, and the angle about which one that stiffens is slack."""
+    scale = twin.scale(owner.target)
+    if owner.effect == "spring":
+        return (_companion(owner, "preload", "N m", 0.01 * scale.kp, 0.0, SPIKE_UNITS, SLAB_UNITS),)
+    if owner.effect == "nonlinear_spring":
+        middle = 0.5 * (scale.lower + scale.upper)
+        return (_companion(owner, "centre", "rad", 0.25 * scale.span, middle, ABSENT, ABSENT),)
+    return ()
+
+
+def _companion(
+    owner: Quantity, parameter: str, unit: str, typical: float, nominal: float, spike: float, slab: float
+) -> Quantity:
+    return replace(
+        owner,
+        name=f"{owner.effect}:{owner.target}.{parameter}",
+        parameter=parameter,
+        unit=unit,
+        nominal=nominal,
+        typical=typical,
+        signed=True,
+        wears=False,
+        beside=owner.name,
+        spike=spike,
+        slab=slab,
     )

@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from twin_daemon.changes.group_search import Believed
+from twin_daemon.changes.group import Believed
 from twin_daemon.changes.thresholds import SHARED_SIGMA
 from twin_daemon.estimation.thresholds import Z95
 from twin_daemon.simulation.twin import TwinModel

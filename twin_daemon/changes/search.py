@@ -6,11 +6,14 @@ from collections.abc import Sequence
 
 from twin_daemon.changes.answer import Since
 from twin_daemon.changes.conclude import conclude
-from twin_daemon.changes.group_search import Believed, GroupFound, Sessions, search_group
-from twin_daemon.changes.quantities import quantities
-from twin_daemon.changes.thresholds import SPIKE
+from twin_daemon.changes.diagnosed import changed_together, diagnosed
+from twin_daemon.changes.group import Believed, Group, Sessions, group_of
+from twin_daemon.changes.group_search import GroupFound, search_group
+from twin_daemon.changes.quantities import Quantity, quantities
+from twin_daemon.changes.thresholds import LEFT_OVER, SPIKE
+from twin_daemon.diagnosis.verdict import Diagnosis, Finding
 from twin_daemon.estimation.partition import Reduced, Reduction
-from twin_daemon.executor import side_by_side
+from twin_daemon.executor import in_order, side_by_side
 from twin_daemon.processes import Say
 from twin_daemon.processor_time import OutOfTime, TimeLimit
 from twin_daemon.simulation.alignment import Aligned, moving_joints
@@ -48,25 +51,48 @@ def changes_since(
     cut = [reduced for reduced in reduction.each(twin, chosen) if reduced is not None]
     usable = [(reduced, sessions) for reduced in cut if (sessions := _sessions(reduced, baseline, now)).now]
     touching = [group.name for group, _ in chosen if group.name not in {reduced.name for reduced, _ in usable}]
-    candidates = sum(q.wears for reduced, _ in usable for q in quantities(reduced.twin, reduced.joints))
+    each = [quantities(reduced.twin, reduced.joints, spread) for reduced, _ in usable]
+    candidates = sum(q.wears for every in each for q in every)
     found: list[GroupFound] = []
+    told: list[Diagnosis] = []
     interrupted = False
 
-    def search(item: tuple[Reduced, Sessions], tell: Say) -> GroupFound:
-        one = search_group(item[0], item[1], candidates, believed, spread)
+    def begin(item: tuple[Reduced, Sessions, tuple[Quantity, ...]], _: Say) -> Group:
+        return group_of(*item, believed)
+
+    def search(group: Group, tell: Say) -> GroupFound:
+        one = search_group(group, candidates)
         named = ", ".join(one.quantities[i].name for i in one.changed) or "no change"
         tell(f"{', '.join(one.joints)}: {named}")
         return one
 
     try:
         with limit.enforced():
-            for _, one in side_by_side(search, usable, say):
+            items = [(*group, every) for group, every in zip(usable, each, strict=True)]
+            groups = in_order(begin, items, say)
+            for together in changed_together(twin, groups):
+                one = diagnosed(twin, together, now, held, spread, seed, say, limit)
+                # what each of them may have alone is asked for group by group
+                if one is not None and any(_is_shared(finding, together) for finding in one.findings):
+                    told.append(one)
+                    groups = [group for group in groups if group not in together]
+            for _, one in side_by_side(search, groups, say):
                 found.append(one)
+            for one in [one for one in found if one.left > LEFT_OVER]:
+                own = [group for group in groups if group.pair.now.joints == one.joints]
+                other = diagnosed(twin, own, now, held, spread, seed, say, limit)
+                if other is not None:
+                    told.append(other)
+                    found.remove(one)
     except (KeyboardInterrupt, OutOfTime):
         interrupted = True
-    order = [reduced.name for reduced, _ in usable]
-    found.sort(key=lambda one: order.index(one.name))
-    return conclude(found, now, touching, seed, interrupted)
+    order = list(twin.joints)
+    found.sort(key=lambda one: order.index(one.joints[0]))
+    return conclude(found, told, now, touching, seed, interrupted)
+
+
+def _is_shared(finding: Finding, groups: Sequence[Group]) -> bool:
+    return sum(bool(set(finding.joints) & set(group.reduced.joints)) for group in groups) > 1
 
 
 def _sessions(reduced: Reduced, baseline: Sequence[Aligned], now: Sequence[Aligned]) -> Sessions:

@@ -7,8 +7,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from twin_daemon.changes.quantities import Quantity
+from twin_daemon.changes.quantities import Quantity, with_companions
 from twin_daemon.changes.thresholds import EFFECT_STEP, ONSET_STEP_S, PARAMETER_STEP
+from twin_daemon.effects.base import Seen
 from twin_daemon.estimation.nuisances import nuisance_variables
 from twin_daemon.estimation.posterior import Correction, Posterior, correlation_s
 from twin_daemon.estimation.thresholds import LEAST_CORRELATION_S, NUISANCE_REACH
@@ -73,7 +74,8 @@ class Session:
 
     def with_active(self, active: Collection[int]) -> Session:
         """The same with these effects in the model itself; columns of the others are kept."""
-        other = replace(self, active=frozenset(active), columns=dict(self.columns))
+        active = with_companions(self.quantities, active)
+        other = replace(self, active=active, columns=dict(self.columns))
         other.weights = self.weights
         return other
 
@@ -148,8 +150,26 @@ class Session:
         with_it = plain.copy()
         with_it[index] = 1.0
         bare = replace(self, columns={})
-        there = replace(self, columns={}, active=self.active | {index})
+        there = replace(self, columns={}, active=self.active | self._with_it(index))
         self.columns[index] = there.gaps(with_it[None])[0] - bare.gaps(plain[None])[0]
+
+    def _with_it(self, index: int) -> frozenset[int]:
+        """A quantity with what is said beside it, or with what it is said beside."""
+        owner = [i for i, q in enumerate(self.quantities) if q.name == self.quantities[index].beside]
+        return with_companions(self.quantities, {index, *owner})
+
+    def seen(self, point: np.ndarray, joint: str) -> Seen:
+        """What a joint measured, and what a point (q + o,) leaves of it."""
+        column, width, begin = self.joints.index(joint), len(self.joints), 0
+        gaps = self.gaps(point[None])[0]
+        found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        for piece, size in zip(self.pieces, self._sizes, strict=True):
+            angle = piece.measured[:, piece.joints.index(joint)]
+            gap = gaps[begin : begin + size * width].reshape(size, width)[:, column]
+            begin += size * width
+            found.append((angle, np.gradient(angle, piece.time_s), gap))
+        every = np.concatenate([np.stack(one) for one in found], axis=1)
+        return Seen(*every[:, np.isfinite(every).all(axis=0)])
 
     # -- what is left --------------------------------------------------------------------------------------
 
@@ -168,8 +188,16 @@ class Session:
         key = tuple((i, amounts[i]) for i in sorted(self.active))
         if key not in self._problems:
             terms = self.twin.terms
+            every = self.quantities
             for index, amount in key:
-                terms = terms.with_effect(self.quantities[index].term(max(amount, 0.0)))
+                if not every[index].beside:
+                    beside = {
+                        every[i].parameter or "": every[i].value(other) or 0.0
+                        for i, other in key
+                        if every[i].beside == every[index].name
+                    }
+                    amount = max(amount, 0.0) if every[index].grows else amount
+                    terms = terms.with_effect(every[index].term(amount, beside))
             if len(self._problems) > 8:
                 self._problems.clear()
             twin = self.twin.changed(terms) if key else self.twin

@@ -69,6 +69,7 @@ VISIBLE = Threshold(
     "of the logarithm of a parameter: where even a factor of two would not have been seen, nothing is said of it",
 )
 VISIBLE_UNITS = Threshold(3.0, "units", "the same for an effect, in its typical size")
+AS_GOOD_AS_NONE = Threshold(0.1, "1", "of what there is now of an effect: with less before no ratio of the two is said")
 LEFT_OVER = Threshold(
     2.5, "1", "times the earlier session's mean squared rows: more in the later one is a change that has no name"
 )

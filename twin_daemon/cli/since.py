@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from twin_daemon.changes.answer import Change, Since, Valued
 
 _MOST_LISTED = 12
+_MOST_JOINTS = 2
 
 
 def show(console: Console, found: Since) -> None:
@@ -30,7 +31,7 @@ def show(console: Console, found: Since) -> None:
         )
         for change in found.changes:
             table.add_row(
-                plain_text(", ".join(change.joints)),
+                plain_text(_joints(change.joints)),
                 change.effect.replace("_", " "),
                 _number(change.before),
                 _number(change.now),
@@ -45,7 +46,8 @@ def show(console: Console, found: Since) -> None:
     if found.unchanged:
         table = slim_table("unchanged, and would have been seen", ("joint", "what", "from"), words=("what",))
         for one in found.unchanged[:_MOST_LISTED]:
-            least = f"±{100 * (one.least_ratio - 1):.0f} %" if one.least_ratio else f"{one.least or 0:.2g} {one.unit}"
+            amount = f"{one.least or 0:.2g}" + (f" {one.unit}" if one.unit != "1" else "")
+            least = f"±{100 * (one.least_ratio - 1):.2g} %" if one.least_ratio else amount
             table.add_row(plain_text(", ".join(one.joints)), one.effect.replace("_", " "), least)
         console.print(table)
         if len(found.unchanged) > _MOST_LISTED:
@@ -58,12 +60,18 @@ def show(console: Console, found: Since) -> None:
         console.print(f"note: {plain_text(note)}")
 
 
+def _joints(names: tuple[str, ...]) -> str:
+    """Few enough for a table; the sentence below it has all of them."""
+    more = len(names) - _MOST_JOINTS
+    return ", ".join(names[:_MOST_JOINTS]) + (f" and {more} more" if more > 0 else "")
+
+
 def _number(value: Valued) -> str:
     return "-" if value.value != value.value else f"{value.value:.3g}"
 
 
 def _percent(change: Change) -> str:
     if change.ratio.value != change.ratio.value:
-        return f"{change.now.value:.3g} {change.unit}"
+        return f"{change.now.value:.3g}" + (f" {change.unit}" if change.unit != "1" else "")
     low, high = change.ratio.ci95
     return f"{100 * (change.ratio.value - 1):+.0f} % ({100 * (low - 1):+.0f} to {100 * (high - 1):+.0f})"

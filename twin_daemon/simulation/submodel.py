@@ -109,6 +109,14 @@ def upwards(model: mujoco.MjModel, body: int) -> list[int]:
     return chain
 
 
+def carried_by_all(twin: TwinModel, joints: Sequence[str]) -> tuple[str, ...]:
+    """The other joints that each of these carries, in the twin's order."""
+    model = twin.model
+    body = {name: int(model.dof_bodyid[dof]) for name, dof in zip(twin.joints, twin.dof_adr, strict=True)}
+    under = {name: set(upwards(model, body[name])) for name in twin.joints}
+    return tuple(name for name in twin.joints if name not in joints and all(body[one] in under[name] for one in joints))
+
+
 def with_coupled(twin: TwinModel, joints: Collection[str]) -> tuple[str, ...]:
     """The joints and those that share an actuator with one of them, in the twin's order."""
     keep = set(joints)

@@ -15,7 +15,7 @@ from twin_daemon.workflows.session import Session, open_session
 
 if TYPE_CHECKING:
     from twin_daemon.changes.answer import Since
-    from twin_daemon.changes.group_search import Believed
+    from twin_daemon.changes.group import Believed
     from twin_daemon.simulation.alignment import Aligned
     from twin_daemon.versions import Version, VersionStore
 
