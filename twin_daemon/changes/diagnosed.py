@@ -17,8 +17,10 @@ from twin_daemon.comparison.split import hold_out
 from twin_daemon.diagnosis.search import diagnose
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding
 from twin_daemon.effects import LIBRARY
+from twin_daemon.errors import BadInput
+from twin_daemon.estimation.thresholds import Z95
 from twin_daemon.processes import Say
-from twin_daemon.processor_time import TimeLimit
+from twin_daemon.processor_time import OutOfTime, TimeLimit
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.submodel import carried_by_all, linked
 from twin_daemon.simulation.twin import TwinModel
@@ -53,28 +55,37 @@ def diagnosed(
 ) -> Diagnosis | None:
     """What is missing at some groups of the later session, with the earlier session's values; None if nobody can say.
 
-    `spread` is one sigma of a parameter's logarithm between sessions.
+    `spread` is one sigma of a parameter's logarithm between sessions. Raises OutOfTime where it was ended early.
     """
-    train, judged = (list(now), list(held)) if held else hold_out(now)
+    try:
+        train, judged = (list(now), list(held)) if held else hold_out(now)
+    except BadInput:
+        return None  # too short to be judged, too
     joints = [joint for group in groups for joint in group.reduced.joints]
     found = diagnose(
         _as_earlier(twin, groups, spread), train, judged, joints=joints, seed=seed, stream=say, limit=limit
     )
+    if found.interrupted:
+        raise OutOfTime
     return found if found.findings and found.verdict in ("explained", "ambiguous") else None
 
 
 def _as_earlier(twin: TwinModel, groups: Sequence[Group], spread: float) -> TwinModel:
-    """The twin with the values and effects that the earlier session has."""
+    """The twin with the values that the earlier session has, and the effects that it shows."""
     terms, parameters = twin.terms, dict(twin.terms.parameters)
     for group in groups:
         every = group.pair.now.quantities
         point = group.pair.means if group.start is None else group.start.point
         amounts = dict(zip((quantity.name for quantity in every), point, strict=False))
+        shown = set(group.pair.now.active)
+        if group.start is not None:
+            sigmas = np.sqrt(np.diag(group.start.covariance))
+            shown |= {i for i, q in enumerate(every) if q.signed and abs(point[i]) > Z95 * sigmas[i]}
         for index, quantity in enumerate(every):
             z = float(point[index])
             if quantity.is_parameter:
                 parameters[quantity.name] = float(quantity.value(z) or 0.0)
-            elif not quantity.beside and (index in group.pair.now.active or quantity.signed):
+            elif index in shown and not quantity.beside:
                 beside = [one for one in every if one.beside == quantity.name]
                 values = {one.parameter or "": one.value(float(amounts[one.name])) or 0.0 for one in beside}
                 terms = terms.with_effect(quantity.term(z, values))
