@@ -11,6 +11,7 @@ from twin_daemon.changes.healthy_model import settled
 from twin_daemon.changes.joint_fit import Fit, Pair
 from twin_daemon.changes.quantities import Quantity
 from twin_daemon.changes.sessions import Session
+from twin_daemon.changes.thresholds import WITHIN
 from twin_daemon.estimation.nuisances import nuisance_variables
 from twin_daemon.estimation.partition import Reduced
 from twin_daemon.estimation.posterior import Correction, floor_and_corrections
@@ -65,37 +66,73 @@ class Group:
 
     def held(self, every: tuple[Quantity, ...]) -> Session | None:
         """What is held out of the later session, with these quantities."""
-        twin, joints = self.reduced.twin, self.reduced.joints
-        return _session(twin, self.sessions.held, joints, every, self.floor) if self.sessions.held else None
+        pieces, twin = self.sessions.held, self.reduced.twin
+        return _session(self.reduced, twin, pieces, every, self.floor) if pieces else None
 
 
-def group_of(
+@dataclass(frozen=True, eq=False)
+class Begun:
+    """A group of joints with the plain fit of its earlier session, None where a version stands for it."""
+
+    reduced: Reduced
+    sessions: Sessions
+    pair: Pair
+    alone: Fit | None
+    floor: np.ndarray
+
+    @property
+    def is_off(self) -> bool:
+        """Whether that fit leaves more than a right model does."""
+        before = self.pair.before
+        return bool(before and self.alone and float((self.alone.rows**2).sum()) > WITHIN * before.floor_cost)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The model's own parameters as they were fitted, by name."""
+        pairs = zip(self.pair.now.quantities, self.alone.point if self.alone else (), strict=False)
+        return {q.name: float(q.value(float(z)) or 0.0) for q, z in pairs if q.is_parameter}
+
+
+def begun(
     reduced: Reduced,
     sessions: Sessions,
     every: tuple[Quantity, ...],
     believed: Believed | None = None,
-) -> Group:
-    """One group before anything is looked for, with these quantities of it."""
-    twin, joints = reduced.twin, reduced.joints
-    floor, _ = _floor(twin, sessions.before or sessions.now, joints)
-    earlier = _session(twin, sessions.before, joints, every, floor) if sessions.before else None
-    later = _session(twin, sessions.now, joints, every, floor)
+    values: Mapping[str, float] | None = None,
+) -> Begun:
+    """One group with these quantities of it, its earlier session fitted with the model's own parameters.
+
+    `values` are parameters by name at which the error of the model's time step is taken; its own where none are given.
+    """
+    at = _with(reduced.twin, every, values or {})
+    floor, _ = _floor(at, sessions.before or sessions.now, reduced.joints)
+    earlier = _session(reduced, at, sessions.before, every, floor) if sessions.before else None
+    later = _session(reduced, at, sessions.now, every, floor)
     known = believed or Believed()
     means = np.array([known.centre.get(q.name, 0.0) for q in every])
     sigmas = np.array([known.sigma.get(q.name, q.shared_sigma) for q in every])
-    pair, start = settled(Pair(earlier, later, means, sigmas))
-    return Group(reduced, sessions, pair, start, pair.fit((), start), floor)
+    pair = Pair(earlier, later, means, sigmas)
+    return Begun(reduced, sessions, pair, pair.baseline_only().fit(()) if earlier else None, floor)
+
+
+def group_of(one: Begun) -> Group:
+    """A group before any change is looked for, with the effects that its earlier session shows."""
+    pair, start = settled(one.pair, one.alone)
+    return Group(one.reduced, one.sessions, pair, start, pair.fit((), start), one.floor)
 
 
 def _floor(twin: TwinModel, pieces: Sequence[Aligned], joints: Sequence[str]) -> tuple[np.ndarray, list[Correction]]:
     return floor_and_corrections(twin, pieces, nuisance_variables(twin, pieces, joints), joints)
 
 
+def _with(twin: TwinModel, every: Sequence[Quantity], values: Mapping[str, float]) -> TwinModel:
+    """The twin with those of these values that are its own."""
+    own = {q.name: values[q.name] for q in every if q.name in values}
+    parameters = twin.terms.parameters | own
+    return twin.changed(twin.terms.model_copy(update={"parameters": parameters})) if own else twin
+
+
 def _session(
-    twin: TwinModel,
-    pieces: tuple[Aligned, ...],
-    joints: tuple[str, ...],
-    every: tuple[Quantity, ...],
-    floor: np.ndarray,
+    reduced: Reduced, at: TwinModel, pieces: tuple[Aligned, ...], every: tuple[Quantity, ...], floor: np.ndarray
 ) -> Session:
-    return Session(twin, pieces, joints, every, floor, _floor(twin, pieces, joints)[1])
+    return Session(reduced.twin, pieces, reduced.joints, every, floor, _floor(at, pieces, reduced.joints)[1])

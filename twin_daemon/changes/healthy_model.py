@@ -20,13 +20,15 @@ from twin_daemon.changes.thresholds import (
 from twin_daemon.effects import LIBRARY
 
 
-def settled(pair: Pair) -> tuple[Pair, Fit | None]:
-    """The pair with its noise as the earlier session has it, with the effects in its models that this shows."""
-    if pair.before is None:
+def settled(pair: Pair, fit: Fit | None) -> tuple[Pair, Fit | None]:
+    """The pair with its noise as the earlier session has it, with the effects in its models that this shows.
+
+    `fit` is of that session alone, None where a version stands for it.
+    """
+    if pair.before is None or fit is None:
         _look(pair, pair.start)
         return _placed(pair, pair.start), None
-    alone = pair.baseline_only()
-    fit = alone.fit(())
+    alone = fit.pair
     _look(alone, fit.point)
     fit = _with_columns(alone, fit)
     for _ in range(MOST_PRESENT):

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from twin_daemon.changes.answer import Since
 from twin_daemon.changes.conclude import conclude
 from twin_daemon.changes.diagnosed import changed_together, diagnosed
-from twin_daemon.changes.group import Believed, Group, Sessions, group_of
+from twin_daemon.changes.group import Begun, Believed, Group, Sessions, begun, group_of
 from twin_daemon.changes.group_search import GroupFound, search_group
 from twin_daemon.changes.quantities import Quantity, quantities
 from twin_daemon.changes.thresholds import LEFT_OVER, SPIKE
@@ -57,8 +57,15 @@ def changes_since(
     told: list[Diagnosis] = []
     interrupted = False
 
-    def begin(item: tuple[Reduced, Sessions, tuple[Quantity, ...]], _: Say) -> Group:
-        return group_of(*item, believed)
+    def begin(item: tuple[Reduced, Sessions, tuple[Quantity, ...]], _: Say) -> Begun:
+        return begun(*item, believed)
+
+    def begin_anew(item: tuple[Reduced, Sessions, Begun], _: Say) -> Begun:
+        part, sessions, one = item
+        return begun(part, sessions, one.pair.now.quantities, believed, one.values)
+
+    def open_up(one: Begun, _: Say) -> Group:
+        return group_of(one)
 
     def search(group: Group, tell: Say) -> GroupFound:
         one = search_group(group, candidates)
@@ -69,7 +76,12 @@ def changes_since(
     try:
         with limit.enforced():
             items = [(*group, every) for group, every in zip(usable, each, strict=True)]
-            groups = in_order(begin, items, say)
+            first = in_order(begin, items, say)
+            cut_anew = [(part, _sessions(part, baseline, now), one) for one, part in _closer(twin, reduction, first)]
+            anew = [item for item in cut_anew if item[1].before and item[1].now]
+            closer = dict(zip((one.reduced.name for *_, one in anew), in_order(begin_anew, anew, say), strict=True))
+            first = [closer.get(one.reduced.name, one) for one in first]
+            groups = in_order(open_up, first, say)
             for together in changed_together(twin, groups):
                 one = diagnosed(twin, together, now, held, spread, seed, say, limit)
                 # what each of them may have alone is asked for group by group
@@ -89,6 +101,23 @@ def changes_since(
     order = list(twin.joints)
     found.sort(key=lambda one: order.index(one.joints[0]))
     return conclude(found, told, now, touching, seed, interrupted)
+
+
+def _closer(twin: TwinModel, reduction: Reduction, groups: Sequence[Begun]) -> list[tuple[Begun, Reduced]]:
+    """Those that their earlier session's fit leaves off, cut anew where the others move as they have been fitted.
+
+    A model that is off makes another motion of a fast one when it smooths what was measured, so that what it takes the
+    others to do to a neighbour is wrong; and its time step's error is another one.
+    """
+    off = [one for one in groups if one.is_off]
+    if not off:
+        return []
+    values = dict(twin.terms.parameters)
+    for one in groups:
+        values |= one.values
+    closer = reduction.following(twin.changed(twin.terms.model_copy(update={"parameters": values})))
+    cut = [(one, closer.anew(twin, one.reduced)) for one in off]
+    return [(one, part) for one, part in cut if part is not None]
 
 
 def _is_shared(finding: Finding, groups: Sequence[Group]) -> bool:
