@@ -163,13 +163,12 @@ def _effect(twin: TwinModel, key: str, target: str, joints: Sequence[str]) -> Qu
         "viscous_friction": (0.02 * scale.kp, "damping", False),
         "coulomb_friction": (0.01 * scale.kp, "friction", False),
     }[key]
-    unit = next(p.unit for p in effect.parameters if p.name == parameter)
     return Quantity(
         name=f"{key}:{target}.{parameter}",
         effect=key,
         target=target,
         joints=tuple(joint for joint in twin.joints_of(target) if joint in joints),
-        unit=unit,
+        unit=_unit(key, parameter),
         nominal=effect.neutral()[parameter] if signed else 0.0,
         typical=typical,
         parameter=parameter,
@@ -185,21 +184,19 @@ def _beside(twin: TwinModel, owner: Quantity) -> tuple[Quantity, ...]:
     """What else says how an effect acts: a spring's preload, and the angle about which one that stiffens is slack."""
     scale = twin.scale(owner.target)
     if owner.effect == "spring":
-        return (_companion(owner, "preload", "N m", 0.01 * scale.kp, 0.0, SPIKE_UNITS, SLAB_UNITS),)
+        return (_companion(owner, "preload", 0.01 * scale.kp, 0.0, SPIKE_UNITS, SLAB_UNITS),)
     if owner.effect == "nonlinear_spring":
         middle = 0.5 * (scale.lower + scale.upper)
-        return (_companion(owner, "centre", "rad", 0.25 * scale.span, middle, ABSENT, ABSENT),)
+        return (_companion(owner, "centre", 0.25 * scale.span, middle, ABSENT, ABSENT),)
     return ()
 
 
-def _companion(
-    owner: Quantity, parameter: str, unit: str, typical: float, nominal: float, spike: float, slab: float
-) -> Quantity:
+def _companion(owner: Quantity, parameter: str, typical: float, nominal: float, spike: float, slab: float) -> Quantity:
     return replace(
         owner,
         name=f"{owner.effect}:{owner.target}.{parameter}",
         parameter=parameter,
-        unit=unit,
+        unit=_unit(owner.effect, parameter),
         nominal=nominal,
         typical=typical,
         signed=True,
@@ -208,3 +205,7 @@ def _companion(
         spike=spike,
         slab=slab,
     )
+
+
+def _unit(effect: str, parameter: str) -> str:
+    return next(p.unit for p in LIBRARY[effect].parameters if p.name == parameter)
