@@ -50,13 +50,12 @@ def make(folder: Path, model: Path, name: str, seed: int) -> None:
             _hide(plant, name, strength)
         record(plant, folder / f"{name}_{tag}", week, int(rng.integers(1 << 30)), seconds, rng)
     right = list(CASES[name])
+    carrying = (3, 2, 1) if name == "hand_payload" else (3,)
     truth = {
         "case": name,
         "model": str(model),
         "right": right,
-        "joints": [joint.replace("J3", f"J{i}") for i in (3, 2, 1)]
-        if name == "hand_payload"
-        else [joint] * bool(right),
+        "joints": [joint.replace("J3", f"J{number}") for number in carrying] if right else [],
         "strength": strength,
     }
     (folder / f"{name}.truth.json").write_text(json.dumps(truth))

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from twin_daemon.diagnosis.verdict import Diagnosis, RecordingRead
-from twin_daemon.estimation.estimate import Number
+from twin_daemon.estimation.estimate import Number, with_unit
 
 
 class _Said(BaseModel):
@@ -17,6 +20,30 @@ class Valued(_Said):
 
     value: Number
     ci95: tuple[Number, Number]
+
+
+UNKNOWN = Valued(value=np.nan, ci95=(np.nan, np.nan))
+
+
+def sentence(
+    effect: str,
+    joints: Sequence[str],
+    unit: str,
+    before: Valued,
+    now: Valued,
+    ratio: Valued,
+    first_seen: str,
+    probability: float,
+) -> str:
+    """A change in one plain sentence: in percent where it has a ratio, else from what to what."""
+    what, where = effect.replace("_", " "), ", ".join(joints)
+    if np.isfinite(ratio.value):
+        low, high = (f"{100.0 * (end - 1.0):+.0f}" for end in ratio.ci95)
+        size = f"{100.0 * (ratio.value - 1.0):+.0f} % ({low} to {high} %)"
+    else:
+        there = f"{before.value:.3g}" if np.isfinite(before.value) else "none"
+        size = f"{there} -> {with_unit(f'{now.value:.3g}', unit)} ({now.ci95[0]:.3g} to {now.ci95[1]:.3g})"
+    return f"{where}: {what} {size} by {first_seen[:10]}, probability {probability:.2f}"
 
 
 class Change(_Said):

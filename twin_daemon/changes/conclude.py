@@ -7,10 +7,10 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from twin_daemon.changes.answer import Change, Since, Unchanged, Undetectable, Valued
+from twin_daemon.changes.answer import UNKNOWN, Change, Since, Unchanged, Undetectable, Valued, sentence
 from twin_daemon.changes.diagnosed import as_change
 from twin_daemon.changes.group_search import GroupFound
-from twin_daemon.changes.quantities import Quantity
+from twin_daemon.changes.quantities import Quantity, term_of
 from twin_daemon.changes.thresholds import AS_GOOD_AS_NONE, BLOCK_SAMPLES, LEFT_OVER, NAMED, POSSIBLE
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding, PartSummary, VerdictName
 from twin_daemon.effects import LIBRARY
@@ -98,12 +98,12 @@ def _change(group: GroupFound, index: int, first_seen: str) -> Change:
     both = covariance[index, index] + covariance[q + index, q + index] + 2.0 * covariance[index, q + index]
     now = _interval(quantity, at + by, float(both))
     ratio = _ratio(quantity, at, by, covariance[np.ix_([index, q + index], [index, q + index])])
-    probability = group.probability[index]
+    probability, effect, joints = group.probability[index], quantity.effect, quantity.joints
     return Change(
-        effect=quantity.effect,
+        effect=effect,
         parameter=quantity.name,
         target=quantity.target,
-        joints=quantity.joints,
+        joints=joints,
         unit=quantity.unit,
         before=before,
         now=now,
@@ -111,8 +111,8 @@ def _change(group: GroupFound, index: int, first_seen: str) -> Change:
         probability=probability,
         rivals=tuple(_place(group.quantities[i]) for i in group.rivals[index]),
         first_seen=first_seen,
-        words=_words(quantity, before, now, ratio, first_seen, probability),
-        remedy=LIBRARY[quantity.effect].story.remedy,
+        words=sentence(effect, joints, quantity.unit, before, now, ratio, first_seen, probability),
+        remedy=LIBRARY[effect].story.remedy,
     )
 
 
@@ -128,13 +128,12 @@ def _interval(quantity: Quantity, z: float, variance: float) -> Valued:
 
 def _ratio(quantity: Quantity, at: float, by: float, covariance: np.ndarray) -> Valued:
     """Now over before; of an effect only where the earlier session clearly has it."""
-    unknown = Valued(value=float("nan"), ci95=(float("nan"), float("nan")))
     if quantity.is_parameter:
         half = float(np.hypot(Z95 * np.sqrt(max(covariance[1, 1], 0.0)), RELATIVE_FLOOR))
         return Valued(value=float(np.exp(by)), ci95=(float(np.exp(by - half)), float(np.exp(by + half))))
     sigma = float(np.sqrt(max(covariance[0, 0], 0.0)))
     if quantity.signed or at < max(2.0 * Z95 * sigma, AS_GOOD_AS_NONE * (at + by)) or at + by <= 0.0:
-        return unknown
+        return UNKNOWN
     # of the logarithm of (at + by) / at
     slope = np.array([1.0 / (at + by) - 1.0 / at, 1.0 / (at + by)])
     half = Z95 * float(np.sqrt(max(slope @ covariance @ slope, 0.0)))
@@ -142,18 +141,6 @@ def _ratio(quantity: Quantity, at: float, by: float, covariance: np.ndarray) -> 
     if quantity.effect == "tendon_elasticity":
         centre = -centre
     return Valued(value=float(np.exp(centre)), ci95=(float(np.exp(centre - half)), float(np.exp(centre + half))))
-
-
-def _words(quantity: Quantity, before: Valued, now: Valued, ratio: Valued, first_seen: str, probability: float) -> str:
-    """One plain sentence."""
-    what, where = quantity.effect.replace("_", " "), ", ".join(quantity.joints)
-    if np.isfinite(ratio.value):
-        low, high = (f"{100.0 * (end - 1.0):+.0f}" for end in ratio.ci95)
-        size = f"{100.0 * (ratio.value - 1.0):+.0f} % ({low} to {high} %)"
-    else:
-        size = f"{before.value:.3g} -> {now.value:.3g} {quantity.unit} ({now.ci95[0]:.3g} to {now.ci95[1]:.3g})"
-        size = size.replace("nan -> ", "none -> ").replace(" 1 (", " (")
-    return f"{where}: {what} {size} by {first_seen[:10]}, probability {probability:.2f}"
 
 
 def _finding(group: GroupFound, index: int, change: Change, seed: int) -> Finding:
@@ -172,7 +159,8 @@ def _finding(group: GroupFound, index: int, change: Change, seed: int) -> Findin
     if quantity.is_parameter:
         values = effect.neutral() | {name: value}
     else:
-        values = dict(quantity.term(_amount(group, index), _beside(group, quantity)).values)
+        q, point = len(group.quantities), group.fit.point
+        values = dict(term_of(group.quantities, index, point[:q] + point[q : 2 * q]).values)
     without, with_it = group.held_squares
     known = without.size > 0
     story = effect.story
@@ -192,16 +180,6 @@ def _finding(group: GroupFound, index: int, change: Change, seed: int) -> Findin
     )
 
 
-def _beside(group: GroupFound, owner: Quantity) -> dict[str, float]:
-    """The values now of what is said beside a quantity, by parameter."""
-    beside = [(i, q) for i, q in enumerate(group.quantities) if q.beside == owner.name]
-    return {q.parameter or "": q.value(_amount(group, i)) or 0.0 for i, q in beside}
-
-
-def _amount(group: GroupFound, index: int) -> float:
-    return float(group.fit.point[index] + group.fit.point[len(group.quantities) + index])
-
-
 def _not_changed(found: Sequence[GroupFound]) -> tuple[tuple[Unchanged, ...], tuple[Undetectable, ...]]:
     unchanged, undetectable = [], []
     for group in found:
@@ -218,9 +196,8 @@ def _not_changed(found: Sequence[GroupFound]) -> tuple[tuple[Unchanged, ...], tu
                 why = f"not decided: probability {group.probability[index]:.2f}, below {NAMED:g}"
                 undetectable.append(Undetectable(**about, why=why))
             else:
-                amount = None if quantity.is_parameter else quantity.value(least)
-                ratio = float(np.exp(least)) if quantity.is_parameter else None
-                if amount is not None and quantity.nominal:  # of a factor
+                amount, ratio = quantity.value(least), None
+                if amount is not None and quantity.nominal:  # a parameter, or a factor
                     amount, ratio = None, amount / quantity.nominal
                 unchanged.append(Unchanged(**about, unit=quantity.unit, least_ratio=ratio, least=amount))
     return tuple(unchanged), tuple(undetectable)

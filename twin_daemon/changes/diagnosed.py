@@ -10,8 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from twin_daemon.changes.answer import Change, Valued
+from twin_daemon.changes.answer import UNKNOWN, Change, Valued, sentence
 from twin_daemon.changes.group import Group
+from twin_daemon.changes.quantities import term_of
 from twin_daemon.changes.thresholds import LEFT_OVER
 from twin_daemon.comparison.split import hold_out
 from twin_daemon.diagnosis.search import diagnose
@@ -25,7 +26,8 @@ from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.submodel import carried_by_all, linked
 from twin_daemon.simulation.twin import TwinModel
 
-_KINDS = ("damping", "frictionloss", "armature", "gain")
+_KINDS = {"damping": "damping", "frictionloss": "frictionloss", "armature": "armature", "gain": "kp"}
+"""Kinds of nominal values that may be off, and how the names of such parameters end."""
 
 
 def changed_together(twin: TwinModel, groups: Sequence[Group]) -> list[list[Group]]:
@@ -73,62 +75,47 @@ def diagnosed(
 def _as_earlier(twin: TwinModel, groups: Sequence[Group], spread: float) -> TwinModel:
     """The twin with the values that the earlier session has, and the effects that it shows."""
     terms, parameters = twin.terms, dict(twin.terms.parameters)
+    open_by: list[tuple[str, float]] = []
     for group in groups:
         every = group.pair.now.quantities
         point = group.pair.means if group.start is None else group.start.point
-        amounts = dict(zip((quantity.name for quantity in every), point, strict=False))
         shown = set(group.pair.now.active)
         if group.start is not None:
             sigmas = np.sqrt(np.diag(group.start.covariance))
             shown |= {i for i, q in enumerate(every) if q.signed and abs(point[i]) > Z95 * sigmas[i]}
+            open_by += [(q.name.rpartition(".")[2], float(sigmas[i])) for i, q in enumerate(every) if q.is_parameter]
         for index, quantity in enumerate(every):
-            z = float(point[index])
             if quantity.is_parameter:
-                parameters[quantity.name] = float(quantity.value(z) or 0.0)
+                parameters[quantity.name] = float(quantity.value(float(point[index])) or 0.0)
             elif index in shown and not quantity.beside:
-                beside = [one for one in every if one.beside == quantity.name]
-                values = {one.parameter or "": one.value(float(amounts[one.name])) or 0.0 for one in beside}
-                terms = terms.with_effect(quantity.term(z, values))
-    known = twin.hand.description.nominal_uncertainty
-    known = known.model_copy(update={kind: _share(groups, kind, spread) for kind in _KINDS})
+                terms = terms.with_effect(term_of(every, index, point))
+    # as sessions differ, and as the earlier one leaves the worst of a kind open
+    worst = {kind: max([sigma for of, sigma in open_by if of == named], default=0.0) for kind, named in _KINDS.items()}
+    shares = {kind: min(float(np.hypot(spread, sigma)), 1.0) for kind, sigma in worst.items()}
+    known = twin.hand.description.nominal_uncertainty.model_copy(update=shares)
     hand = replace(twin.hand, description=twin.hand.description.model_copy(update={"nominal_uncertainty": known}))
     return TwinModel(hand, twin.nominal, terms.model_copy(update={"parameters": parameters}))
-
-
-def _share(groups: Sequence[Group], kind: str, spread: float) -> float:
-    """How far parameters of a kind may be off: as sessions differ, and as the earlier one leaves its worst one open."""
-    named = "kp" if kind == "gain" else kind
-    open_by = [spread]
-    for group in groups:
-        if group.start is not None:
-            sigmas = np.sqrt(np.diag(group.start.covariance))
-            every = enumerate(group.pair.now.quantities)
-            open_by += [float(np.hypot(spread, sigmas[i])) for i, q in every if q.name.endswith(f".{named}")]
-    return min(max(open_by), 1.0)
 
 
 def as_change(finding: Finding, first_seen: str) -> Change:
     """A finding of such a diagnosis as a change: there was none of it in the earlier session."""
     name = LIBRARY[finding.effect].presence[0]
     name = name if name in finding.parameters else next(iter(finding.parameters))
-    now, unknown = finding.parameters[name], Valued(value=np.nan, ci95=(np.nan, np.nan))
-    low, high = now.ci95 or (np.nan, np.nan)
-    where, what = ", ".join(finding.joints), finding.effect.replace("_", " ")
+    value, unit = finding.parameters[name], finding.parameters[name].unit
+    now = Valued(value=value.value, ci95=value.ci95)
     probability = 1.0 if finding.probability is None else finding.probability
-    unit = f" {now.unit}" if now.unit != "1" else ""
     return Change(
         effect=finding.effect,
         parameter=f"{finding.name}.{name}",
         target=finding.target,
         joints=finding.joints,
-        unit=now.unit,
-        before=unknown,
-        now=Valued(value=now.value, ci95=(low, high)),
-        ratio=unknown,
+        unit=unit,
+        before=UNKNOWN,
+        now=now,
+        ratio=UNKNOWN,
         probability=probability,
         rivals=finding.confusable_with,
         first_seen=first_seen,
-        words=f"{where}: {what} none -> {now.value:.3g}{unit} ({low:.3g} to {high:.3g}) by {first_seen[:10]}, "
-        f"probability {probability:.2f}",
+        words=sentence(finding.effect, finding.joints, unit, UNKNOWN, now, UNKNOWN, first_seen, probability),
         remedy=LIBRARY[finding.effect].story.remedy,
     )

@@ -17,6 +17,7 @@ from twin_daemon.changes.thresholds import (
     PRESENT_START,
     WITHIN,
 )
+from twin_daemon.diagnosis.candidates import candidate, informed
 from twin_daemon.effects import LIBRARY
 
 
@@ -51,16 +52,16 @@ def settled(pair: Pair, fit: Fit | None) -> tuple[Pair, Fit | None]:
 
 def _placed(pair: Pair, point: np.ndarray) -> Pair:
     """The pair with springs that stiffen slack where the later session would have them, if there are any."""
-    seen_at = pair.points(point)[1]
+    gaps = pair.now.gaps_by_piece(pair.points(point)[1])
     twin, every = pair.now.twin, pair.now.quantities
     for index, quantity in enumerate(every):
         owner = next((i for i, other in enumerate(every) if other.name == quantity.beside), None)
         if owner is None or owner in pair.now.active or quantity.parameter != "centre":
             continue
-        seen = pair.now.seen(seen_at, quantity.target)
-        starts = LIBRARY[quantity.effect].suggested(twin.scale(quantity.target), seen)
-        if starts:
-            pair = pair.with_quantity(index, replace(quantity, nominal=starts[0]["centre"]))
+        usual = candidate(LIBRARY[quantity.effect], quantity.target, twin, quantity.target)
+        found = informed(usual, twin, pair.now.pieces, pair.now.joints, gaps)
+        if found is not usual:
+            pair = pair.with_quantity(index, replace(quantity, nominal=found.starts[0]["centre"]))
             pair = pair.with_quantity(owner, every[owner])  # what is known of it was about another centre
             _look(pair, point, (owner, index))
     return pair

@@ -131,6 +131,15 @@ def quantities(twin: TwinModel, joints: Sequence[str], spread: float = SPIKE) ->
     return tuple(found)
 
 
+def term_of(every: Sequence[Quantity], index: int, amounts: Mapping[int, float] | np.ndarray) -> EffectTerm:
+    """An effect with what is said beside it, at the amounts that all effects have by their index."""
+    owner = every[index]
+    beside = {
+        q.parameter or "": q.value(float(amounts[i])) or 0.0 for i, q in enumerate(every) if q.beside == owner.name
+    }
+    return owner.term(max(float(amounts[index]), 0.0) if owner.grows else float(amounts[index]), beside)
+
+
 def with_companions(every: Sequence[Quantity], some: Collection[int]) -> frozenset[int]:
     """The indices `some` and those of the quantities that are said beside them."""
     names = {every[i].name for i in some}

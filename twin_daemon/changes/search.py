@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from twin_daemon.changes.answer import Since
 from twin_daemon.changes.conclude import conclude
@@ -57,12 +57,9 @@ def changes_since(
     told: list[Diagnosis] = []
     interrupted = False
 
-    def begin(item: tuple[Reduced, Sessions, tuple[Quantity, ...]], _: Say) -> Begun:
-        return begun(*item, believed)
-
-    def begin_anew(item: tuple[Reduced, Sessions, Begun], _: Say) -> Begun:
-        part, sessions, one = item
-        return begun(part, sessions, one.pair.now.quantities, believed, one.values)
+    def begin(item: tuple[Reduced, Sessions, tuple[Quantity, ...], Mapping[str, float]], _: Say) -> Begun:
+        reduced, sessions, every, values = item
+        return begun(reduced, sessions, every, believed, values)
 
     def open_up(one: Begun, _: Say) -> Group:
         return group_of(one)
@@ -75,11 +72,12 @@ def changes_since(
 
     try:
         with limit.enforced():
-            items = [(*group, every) for group, every in zip(usable, each, strict=True)]
-            first = in_order(begin, items, say)
-            cut_anew = [(part, _sessions(part, baseline, now), one) for one, part in _closer(twin, reduction, first)]
-            anew = [item for item in cut_anew if item[1].before and item[1].now]
-            closer = dict(zip((one.reduced.name for *_, one in anew), in_order(begin_anew, anew, say), strict=True))
+            first = in_order(begin, [(*group, every, {}) for group, every in zip(usable, each, strict=True)], say)
+            cut = [(part, _sessions(part, baseline, now), one) for one, part in _closer(twin, reduction, first)]
+            anew = [
+                (part, both, one.pair.now.quantities, one.values) for part, both, one in cut if both.before and both.now
+            ]
+            closer = {one.reduced.name: one for one in in_order(begin, anew, say)}
             first = [closer.get(one.reduced.name, one) for one in first]
             groups = in_order(open_up, first, say)
             for together in changed_together(twin, groups):
@@ -90,12 +88,12 @@ def changes_since(
                     groups = [group for group in groups if group not in together]
             for _, one in side_by_side(search, groups, say):
                 found.append(one)
-            for one in [one for one in found if one.left > LEFT_OVER]:
-                own = [group for group in groups if group.pair.now.joints == one.joints]
+            for unexplained in [one for one in found if one.left > LEFT_OVER]:
+                own = [group for group in groups if group.pair.now.joints == unexplained.joints]
                 other = diagnosed(twin, own, now, held, spread, seed, say, limit)
                 if other is not None:
                     told.append(other)
-                    found.remove(one)
+                    found = [one for one in found if one is not unexplained]
     except (KeyboardInterrupt, OutOfTime):
         interrupted = True
     order = list(twin.joints)

@@ -7,9 +7,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from twin_daemon.changes.quantities import Quantity, with_companions
+from twin_daemon.changes.quantities import Quantity, term_of, with_companions
 from twin_daemon.changes.thresholds import EFFECT_STEP, ONSET_STEP_S, PARAMETER_STEP
-from twin_daemon.effects.base import Seen
 from twin_daemon.estimation.nuisances import nuisance_variables
 from twin_daemon.estimation.posterior import Correction, Posterior, correlation_s
 from twin_daemon.estimation.thresholds import LEAST_CORRELATION_S, NUISANCE_REACH
@@ -158,28 +157,18 @@ class Session:
         owner = [i for i, q in enumerate(self.quantities) if q.name == self.quantities[index].beside]
         return with_companions(self.quantities, {index, *owner})
 
-    def seen(self, point: np.ndarray, joint: str) -> Seen:
-        """What a joint measured, and what a point (q + o,) leaves of it."""
-        column, width, begin = self.joints.index(joint), len(self.joints), 0
-        gaps = self.gaps(point[None])[0]
-        found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-        for piece, size in zip(self.pieces, self._sizes, strict=True):
-            angle = piece.measured[:, piece.joints.index(joint)]
-            gap = gaps[begin : begin + size * width].reshape(size, width)[:, column]
-            begin += size * width
-            found.append((angle, np.gradient(angle, piece.time_s), gap))
-        every = np.concatenate([np.stack(one) for one in found], axis=1)
-        return Seen(*every[:, np.isfinite(every).all(axis=0)])
-
     # -- what is left --------------------------------------------------------------------------------------
+
+    def gaps_by_piece(self, point: np.ndarray) -> list[np.ndarray]:
+        """(n, k) rad of each piece: measured minus predicted at a point."""
+        rows = self.gaps(point[None])[0].reshape(-1, len(self.joints))
+        return np.split(rows, np.cumsum(self._sizes)[:-1])
 
     def spread(self, point: np.ndarray) -> tuple[np.ndarray, float]:
         """((k,) rad^2 mean square of each joint's residual, seconds over which it repeats itself) at a point."""
-        gaps, squares, count, times, begin = self.gaps(point[None])[0], 0.0, 0, [], 0
-        for piece, size in zip(self.pieces, self._sizes, strict=True):
-            gap = gaps[begin : begin + size * len(self.joints)].reshape(size, -1)
-            begin += size * len(self.joints)
-            squares, count = squares + (gap**2).sum(axis=0), count + size
+        squares, count, times = 0.0, 0, []
+        for piece, gap in zip(self.pieces, self.gaps_by_piece(point), strict=True):
+            squares, count = squares + (gap**2).sum(axis=0), count + len(gap)
             period = float(np.median(np.diff(piece.time_s)))
             times += [correlation_time(gap[:, k]) * period for k in range(gap.shape[1])]
         return np.maximum(squares / count, self.floor), float(max(np.median(times), LEAST_CORRELATION_S))
@@ -188,16 +177,9 @@ class Session:
         key = tuple((i, amounts[i]) for i in sorted(self.active))
         if key not in self._problems:
             terms = self.twin.terms
-            every = self.quantities
-            for index, amount in key:
-                if not every[index].beside:
-                    beside = {
-                        every[i].parameter or "": every[i].value(other) or 0.0
-                        for i, other in key
-                        if every[i].beside == every[index].name
-                    }
-                    amount = max(amount, 0.0) if every[index].grows else amount
-                    terms = terms.with_effect(every[index].term(amount, beside))
+            for index, _ in key:
+                if not self.quantities[index].beside:
+                    terms = terms.with_effect(term_of(self.quantities, index, amounts))
             if len(self._problems) > 8:
                 self._problems.clear()
             twin = self.twin.changed(terms) if key else self.twin

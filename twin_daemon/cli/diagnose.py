@@ -13,6 +13,7 @@ from twin_daemon.cli import options
 from twin_daemon.cli.console import emit_json, people, plain_text, require_folder
 from twin_daemon.diagnosis.verdict import in_hundred
 from twin_daemon.errors import BadInput
+from twin_daemon.estimation.estimate import with_unit
 from twin_daemon.hand.schema import NominalUncertainty
 from twin_daemon.tables import slim_table
 from twin_daemon.workflows.diagnosis import judged
@@ -142,8 +143,8 @@ def show_finding(console: Console, finding: Finding) -> None:
     low, high = finding.holdout_gain_ci95
     console.print(f"\n[bold]{plain_text(finding.effect)}[/] at [bold]{plain_text(finding.target)}[/]")
     for name, p in finding.parameters.items():
-        unit = "" if p.unit == "1" else f" {p.unit}"
-        console.print(f"  {name} = {p.value:.4g}{unit} (95 %: {p.ci95[0]:.4g} to {p.ci95[1]:.4g})")
+        value = with_unit(f"{p.value:.4g}", p.unit)
+        console.print(f"  {name} = {value} (95 %: {p.ci95[0]:.4g} to {p.ci95[1]:.4g})")
     console.print(
         f"  held out, in short pieces of its part: {finding.holdout_mse_before_rad2:.3g} -> "
         f"{finding.holdout_mse_after_rad2:.3g} rad², gain {finding.holdout_gain:.0%} "

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from twin_daemon.cli.console import plain_text
+from twin_daemon.estimation.estimate import with_unit
 from twin_daemon.tables import slim_table
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ def show(console: Console, found: Since) -> None:
     if found.unchanged:
         table = slim_table("unchanged, and would have been seen", ("joint", "what", "from"), words=("what",))
         for one in found.unchanged[:_MOST_LISTED]:
-            amount = f"{one.least or 0:.2g}" + (f" {one.unit}" if one.unit != "1" else "")
+            amount = with_unit(f"{one.least or 0:.2g}", one.unit)
             least = f"±{100 * (one.least_ratio - 1):.2g} %" if one.least_ratio else amount
             table.add_row(plain_text(", ".join(one.joints)), one.effect.replace("_", " "), least)
         console.print(table)
@@ -72,6 +73,6 @@ def _number(value: Valued) -> str:
 
 def _percent(change: Change) -> str:
     if change.ratio.value != change.ratio.value:
-        return f"{change.now.value:.3g}" + (f" {change.unit}" if change.unit != "1" else "")
+        return with_unit(f"{change.now.value:.3g}", change.unit)
     low, high = change.ratio.ci95
     return f"{100 * (change.ratio.value - 1):+.0f} % ({100 * (low - 1):+.0f} to {100 * (high - 1):+.0f})"

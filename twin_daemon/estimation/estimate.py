@@ -16,6 +16,11 @@ Correlated = tuple[tuple[str, ...], np.ndarray]
 """Names (p,) of values that were fitted together, and their correlations (p, p)."""
 
 
+def with_unit(number: str, unit: str) -> str:
+    """A number as text with its unit, for people: what has none is a bare number."""
+    return number if unit == "1" else f"{number} {unit}"
+
+
 class Estimate(BaseModel):
     """One value in `unit` with its 95 % interval and the bounds that it was looked for within."""
 

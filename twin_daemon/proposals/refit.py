@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from twin_daemon.estimation.estimate import with_unit
 from twin_daemon.estimation.thresholds import Z95
 from twin_daemon.proposals.descent import Reached, gauss_newton
 from twin_daemon.proposals.formula import Formula, dense, formulas, sharp_formulas
@@ -49,8 +50,8 @@ class RefittedLaw:
         if feature.memory:
             strong = np.abs(self.curve) > SPOKEN_SHARE * np.abs(self.curve).max(initial=1e-12)
             pairs = zip(self.curve[strong], np.array(feature.knots)[strong], strict=True)
-            of = "" if feature.unit == "1" else f" {feature.unit}"
-            elements = [f"{size:.3g}{of} over {length:.3g} {MEMORY_UNITS[feature.memory]}" for size, length in pairs]
+            over = MEMORY_UNITS[feature.memory]
+            elements = [f"{with_unit(f'{size:.3g}', feature.unit)} over {length:.3g} {over}" for size, length in pairs]
             return f"{feature.memory}: {', '.join(elements)}"
         return f"a curve over {SYMBOLS.get(feature.over, feature.over)} without a simple formula"
 

@@ -34,9 +34,7 @@ class Part:
 
 def parts(twin: TwinModel) -> tuple[Part, ...]:
     """The branches of the hand: joints that share a chain or an actuator belong together."""
-    model = twin.model
-    bodies = {name: int(model.dof_bodyid[dof]) for name, dof in zip(twin.joints, twin.dof_adr, strict=True)}
-    ancestors = {name: set(upwards(model, body)) for name, body in bodies.items()}
+    bodies, ancestors = _standing(twin)
     above = {a: [b for b in bodies if b != a and bodies[a] in ancestors[b]] for a in bodies}
     # a trunk joint carries joints of at least two branches that do not carry each other
     forks = {a for a, carried in above.items() if _branches(carried, bodies, ancestors)}
@@ -75,9 +73,9 @@ def drive_groups(twin: TwinModel) -> tuple[Part, ...]:
 
 def linked(twin: TwinModel, groups: Sequence[Sequence[str]]) -> list[list[int]]:
     """Which groups of joints hang together: one of them carries another, or is carried by it."""
-    model = twin.model
-    bodies = [{int(model.dof_bodyid[twin.dof_adr[twin.joints.index(joint)]]) for joint in joints} for joints in groups]
-    above = [{up for body in own for up in upwards(model, body)} for own in bodies]
+    body, ancestors = _standing(twin)
+    bodies = [{body[joint] for joint in joints} for joints in groups]
+    above = [set[int]().union(*(ancestors[joint] for joint in joints)) for joints in groups]
     return _connected([[bool(own & up) for up in above] for own in bodies])
 
 
@@ -111,10 +109,16 @@ def upwards(model: mujoco.MjModel, body: int) -> list[int]:
 
 def carried_by_all(twin: TwinModel, joints: Sequence[str]) -> tuple[str, ...]:
     """The other joints that each of these carries, in the twin's order."""
+    bodies, ancestors = _standing(twin)
+    under = {name for name in twin.joints if all(bodies[one] in ancestors[name] for one in joints)}
+    return tuple(name for name in twin.joints if name in under.difference(joints))
+
+
+def _standing(twin: TwinModel) -> tuple[dict[str, int], dict[str, set[int]]]:
+    """(the body that a joint moves, that body with all that it stands on) by joint."""
     model = twin.model
-    body = {name: int(model.dof_bodyid[dof]) for name, dof in zip(twin.joints, twin.dof_adr, strict=True)}
-    under = {name: set(upwards(model, body[name])) for name in twin.joints}
-    return tuple(name for name in twin.joints if name not in joints and all(body[one] in under[name] for one in joints))
+    bodies = {name: int(model.dof_bodyid[dof]) for name, dof in zip(twin.joints, twin.dof_adr, strict=True)}
+    return bodies, {name: set(upwards(model, body)) for name, body in bodies.items()}
 
 
 def with_coupled(twin: TwinModel, joints: Collection[str]) -> tuple[str, ...]:
