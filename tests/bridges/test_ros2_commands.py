@@ -183,8 +183,11 @@ class TestThroughTheGate:
 
         # a stream of targets, J1 and J2 by their sum
         names = ["rh_FFJ3", "rh_FFJ0"]
-        operator.do("ramp", names=names, start=[0.0, 0.0], end=[0.4, 0.6], count=80, rate_hz=50.0)
         heard: dict[str, list[float]] = {FFJ3: [], FFJ0: []}
+
+        def known() -> bool:
+            operator.do("ramp", names=names, start=[0.02, 0.02], end=[0.0, 0.0], count=2, rate_hz=50.0)
+            return all(map(driver.do("take").get, heard))
 
         def arrived() -> bool:
             taken = driver.do("take")
@@ -194,6 +197,8 @@ class TestThroughTheGate:
                 values and abs(values[-1] - end) < 1e-6 for values, end in zip(heard.values(), (0.4, 0.6), strict=True)
             )
 
+        until(known)  # a node hears what is published from when it has found who publishes it
+        operator.do("ramp", names=names, start=[0.0, 0.0], end=[0.4, 0.6], count=80, rate_hz=50.0)
         until(arrived, 20.0)
         assert np.abs(np.diff(heard[FFJ3])).max() < 0.1
         until(lambda: scene.is_at(FFJ3=0.4))

@@ -86,6 +86,22 @@ def test_a_sequence_too_large_is_refused_and_locks_nobody_out(rig: Rig) -> None:
     assert rig.ask("beat", sequence=rig.sequence)["check"] == "order"
 
 
+def test_a_heartbeat_that_overtakes_takes_nothing_from_what_was_asked_before(rig: Rig) -> None:
+    """Each verb is heard in a thread of its own, so that the later request may be heard first."""
+    rig.arm()
+    asked, rig.sequence = rig.sequence + 1, rig.sequence + 1
+    assert rig.ask("beat")["accepted"]
+    assert rig.ask("move", targets={"rh_FFJ3": 0.3}, sequence=asked)["accepted"]
+    again = rig.ask("move", targets={"rh_FFJ3": 0.3}, sequence=asked)
+    assert (again["check"], again["accepted"]) == ("order", False)
+    # of two motions the later one counts, and to disarm is never too late
+    older, rig.sequence = rig.sequence + 1, rig.sequence + 1
+    assert rig.ask("target", targets={"rh_FFJ3": 0.1})["accepted"]
+    trajectory = {"joints": ["rh_FFJ3"], "times_s": [0.0], "positions": [[0.3]]}
+    assert rig.ask("trajectory", **trajectory, sequence=older)["check"] == "order"
+    assert rig.ask("disarm", sequence=older)["accepted"]
+
+
 def test_a_request_of_before_a_restart_says_so_and_what_to_do(rig: Rig) -> None:
     answer = rig.ask("arm", reason="a test", session="before")
     assert (answer["accepted"], answer["check"]) == (False, "session")

@@ -42,7 +42,7 @@ class Situation:
     lease_left_s: float
     stopped_because: str | None
     session: str
-    last_sequence: int
+    last_sequence: int  # of this sender, among requests that have an order with this one
     limits: Limits
     settings: GateSettings
     setpoint: np.ndarray

@@ -38,7 +38,7 @@ class Authority:
         return lease if lease and asked.who and lease.is_held(asked.who.name, asked.lease) else None
 
     def last_sequence(self, asked: Asked) -> int:
-        return self._sequences.last("" if asked.who is None else asked.who.name, self.held_by(asked))
+        return self._sequences.last("" if asked.who is None else asked.who.name, self.held_by(asked), asked.verb)
 
     def identified(self, asked: Asked, situation: Situation, dry: bool) -> Refusal | None:
         """Who asks, and whether it is new. In one step with the look at the last sequence, under the gate's lock: verbs
@@ -49,7 +49,7 @@ class Authority:
             return None
         refusal = first_refusal(IDENTITY, asked, situation)
         if refusal is None and asked.who is not None:
-            self._sequences.take(asked.who.name, self.held_by(asked), asked.sequence)
+            self._sequences.take(asked.who.name, self.held_by(asked), asked.verb, asked.sequence)
         return refusal
 
     def arm(self, asked: Asked, name: str, now_s: float) -> None:
@@ -58,7 +58,8 @@ class Authority:
         if held is not None:
             held.until_s, held.reason = now_s + asked.lease_s, asked.reason
         else:
-            self.lease = Lease(name, asked.reason, now_s + asked.lease_s, now_s, asked.sequence)
+            self.lease = Lease(name, asked.reason, now_s + asked.lease_s, now_s)
+            self._sequences.take(name, self.lease, asked.verb, asked.sequence)
         self.mode, self.ended = "armed", ""
 
     def end(self, why: str) -> str | None:

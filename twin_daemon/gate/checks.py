@@ -41,7 +41,7 @@ def of_this_session(asked: Asked, situation: Situation) -> Refusal | None:
 
 def in_order(asked: Asked, situation: Situation) -> Refusal | None:
     if asked.sequence <= situation.last_sequence:
-        why = f"request {asked.sequence} came after {situation.last_sequence}"
+        why = f"the {asked.verb} with sequence {asked.sequence} came after {situation.last_sequence}"
         return Refusal("order", why, "a sequence that grows with each")
     if asked.ahead_s <= situation.settings.command_age_s:
         return None

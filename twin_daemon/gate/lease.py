@@ -20,9 +20,9 @@ class Lease:
     reason: str
     until_s: float
     beat_s: float
-    sequence: int
     every_s: float = 1.0  # between two signs of life, lately; a few quick ones prove no habit
     token: str = field(default_factory=lambda: secrets.token_hex(16), repr=False)
+    last: dict[str, int] = field(default_factory=dict, repr=False)  # sequence of its holder, by order
 
     def beat(self, now_s: float) -> None:
         """A sign of life of the holder."""
@@ -41,16 +41,26 @@ class Lease:
 
 class Sequences:
     """The last sequence of each name, and of the lease that is held: what others do in the same name does not touch
-    the holder's. Names are those of the identity file, so there are not many."""
+    the holder's. Names are those of the identity file, so there are not many.
+
+    Verbs are heard in threads of their own, so that one overtakes another. A heartbeat made after a trajectory and
+    heard before it says nothing against the trajectory. Only where the later of two requests must win do they share an
+    order: among those that move the hand, and among those that say who may."""
 
     def __init__(self) -> None:
-        self._last: dict[str, int] = {}
+        self._last: dict[str, dict[str, int]] = {}
 
-    def last(self, name: str, lease: Lease | None) -> int:
-        return self._last.get(name, 0) if lease is None else lease.sequence
+    def last(self, name: str, lease: Lease | None, verb: str) -> int:
+        return self._of(name, lease).get(_order(verb), 0)
 
-    def take(self, name: str, lease: Lease | None, sequence: int) -> None:
-        if lease is None:
-            self._last[name] = sequence
-        else:
-            lease.sequence = sequence
+    def take(self, name: str, lease: Lease | None, verb: str, sequence: int) -> None:
+        self._of(name, lease)[_order(verb)] = sequence
+
+    def _of(self, name: str, lease: Lease | None) -> dict[str, int]:
+        return self._last.setdefault(name, {}) if lease is None else lease.last
+
+
+def _order(verb: str) -> str:
+    if verb in ("move", "trajectory", "target"):
+        return "motion"
+    return "authority" if verb in ("arm", "disarm", "release") else verb
