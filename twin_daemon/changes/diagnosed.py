@@ -26,9 +26,6 @@ from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.submodel import carried_by_all, linked
 from twin_daemon.simulation.twin import TwinModel
 
-_KINDS = {"damping": "damping", "frictionloss": "frictionloss", "armature": "armature", "gain": "kp"}
-"""Kinds of nominal values that may be off, and how the names of such parameters end."""
-
 
 def changed_together(twin: TwinModel, groups: Sequence[Group]) -> list[list[Group]]:
     """Groups that carry each other and are off all at once, as under a load, with those that all of them carry.
@@ -75,24 +72,24 @@ def diagnosed(
 def _as_earlier(twin: TwinModel, groups: Sequence[Group], spread: float) -> TwinModel:
     """The twin with the values that the earlier session has, and the effects that it shows."""
     terms, parameters = twin.terms, dict(twin.terms.parameters)
-    open_by: list[tuple[str, float]] = []
+    shares: dict[str, float] = {}
     for group in groups:
         every = group.pair.now.quantities
         point = group.pair.means if group.start is None else group.start.point
         shown = set(group.pair.now.active)
+        sigmas = np.zeros(len(every))
         if group.start is not None:
             sigmas = np.sqrt(np.diag(group.start.covariance))
             shown |= {i for i, q in enumerate(every) if q.signed and abs(point[i]) > Z95 * sigmas[i]}
-            open_by += [(q.name.rpartition(".")[2], float(sigmas[i])) for i, q in enumerate(every) if q.is_parameter]
         for index, quantity in enumerate(every):
             if quantity.is_parameter:
                 parameters[quantity.name] = float(quantity.value(float(point[index])) or 0.0)
+                shares[quantity.name] = min(float(np.hypot(spread, sigmas[index])), 1.0)
             elif index in shown and not quantity.beside:
                 terms = terms.with_effect(term_of(every, index, point))
-    # as sessions differ, and as the earlier one leaves the worst of a kind open
-    worst = {kind: max([sigma for of, sigma in open_by if of == named], default=0.0) for kind, named in _KINDS.items()}
-    shares = {kind: min(float(np.hypot(spread, sigma)), 1.0) for kind, sigma in worst.items()}
-    known = twin.hand.description.nominal_uncertainty.model_copy(update=shares)
+    # as sessions differ, and as the earlier one leaves them open
+    kinds = dict.fromkeys(("damping", "frictionloss", "armature", "gain"), min(spread, 1.0))
+    known = twin.hand.description.nominal_uncertainty.model_copy(update={**kinds, "parameters": shares})
     hand = replace(twin.hand, description=twin.hand.description.model_copy(update={"nominal_uncertainty": known}))
     return TwinModel(hand, twin.nominal, terms.model_copy(update={"parameters": parameters}))
 

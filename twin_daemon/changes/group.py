@@ -11,7 +11,7 @@ from twin_daemon.changes.healthy_model import settled
 from twin_daemon.changes.joint_fit import Fit, Pair
 from twin_daemon.changes.quantities import Quantity
 from twin_daemon.changes.sessions import Session
-from twin_daemon.changes.thresholds import WITHIN
+from twin_daemon.changes.thresholds import SHORT_STEP, WITHIN
 from twin_daemon.estimation.nuisances import nuisance_variables
 from twin_daemon.estimation.partition import Reduced
 from twin_daemon.estimation.posterior import Correction, floor_and_corrections
@@ -83,8 +83,7 @@ class Begun:
     @property
     def is_off(self) -> bool:
         """Whether that fit leaves more than a right model does."""
-        before = self.pair.before
-        return bool(before and self.alone and float((self.alone.rows**2).sum()) > WITHIN * before.floor_cost)
+        return self.alone is not None and _is_off(self.alone)
 
     @property
     def values(self) -> dict[str, float]:
@@ -112,7 +111,22 @@ def begun(
     means = np.array([known.centre.get(q.name, 0.0) for q in every])
     sigmas = np.array([known.sigma.get(q.name, q.shared_sigma) for q in every])
     pair = Pair(earlier, later, means, sigmas)
-    return Begun(reduced, sessions, pair, pair.baseline_only().fit(()) if earlier else None, floor)
+    return Begun(reduced, sessions, pair, _alone(pair.baseline_only()) if earlier else None, floor)
+
+
+def _alone(pair: Pair) -> Fit:
+    """The earlier session's own fit.
+
+    A servo at its limit says only what brakes the joint, and does so with force: the first step of one sigma takes all
+    other values to where they help with that, and the way back may be closed. Short steps keep out of there.
+    """
+    found = pair.fit(())
+    return min(found, pair.fit((), radius=SHORT_STEP), key=lambda one: one.cost) if _is_off(found) else found
+
+
+def _is_off(alone: Fit) -> bool:
+    before = alone.pair.before
+    return before is not None and float((alone.rows**2).sum()) > WITHIN * before.floor_cost
 
 
 def group_of(one: Begun) -> Group:

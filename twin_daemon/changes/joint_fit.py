@@ -153,8 +153,11 @@ class Pair:
         out[size:, 2 * q + held :] = found[:, q:]
         return out
 
-    def fit(self, changed: Collection[int], begun: Fit | None = None, rounds: int = ROUNDS) -> Fit:
-        """Both sessions fitted where these quantities may have changed, from where another fit has ended."""
+    def fit(self, changed: Collection[int], begun: Fit | None = None, rounds: int = ROUNDS, radius: float = 1.0) -> Fit:
+        """Both sessions fitted where these quantities may have changed, from where another fit has ended.
+
+        `radius` is how far the first step goes at most, in sigmas of the priors.
+        """
         changed = frozenset(changed)
         active = self.now.active
         if begun is None or begun.pair.now.active != active:
@@ -163,7 +166,7 @@ class Pair:
             slopes = self.slopes(point, rows)
         else:
             point, rows, slopes = begun.point, begun.rows, begun.slopes
-        fit, radius = Fit(self, point, rows, slopes, changed), 1.0
+        fit = Fit(self, point, rows, slopes, changed)
         for _ in range(rounds):
             found, radius = self._stepped(fit, radius)
             if found is None:

@@ -52,6 +52,9 @@ PRESENT_NATS = Threshold(8.0, "nats", "of the earlier session's evidence, for an
 PRESENT_START = Threshold(1.0, "units", "of an effect's typical size, from which one of the earlier session is fitted")
 PRESENT_SHARE = Threshold(0.8, "1", "of the cost before: what an effect of both models has to leave at most")
 WITHIN = Threshold(1.5, "floors", "that the earlier session may leave: then no effect is looked for in it")
+SHORT_STEP = Threshold(
+    0.1, "sigma", "of the priors: how far the first step goes where a fit that began with one sigma leaves more"
+)
 MOST_PRESENT = Count(2, "effects", "that are put into it")
 
 # -- what is said --------------------------------------------------------------------------------------------

@@ -105,15 +105,16 @@ def assumptions(tolerance_mrad: float | None, uncertainty: Sequence[str] | None)
     if not uncertainty:
         return found
     shares: dict[str, float] = {}
+    every = [name for name in NominalUncertainty.model_fields if name != "parameters"]
     for text in uncertainty:
         kind, _, share = text.rpartition("=")
-        kinds = [kind] if kind else list(NominalUncertainty.model_fields)
+        kinds = [kind] if kind else every
         try:
             shares |= NominalUncertainty.model_validate(dict.fromkeys(kinds, share)).model_dump(include=set(kinds))
         except ValidationError:
             raise BadInput(
                 f"--nominal-uncertainty {text}: no share of a nominal value",
-                allowed=f"0 to 1, or one of {', '.join(NominalUncertainty.model_fields)} = 0 to 1",
+                allowed=f"0 to 1, or one of {', '.join(every)} = 0 to 1",
             ) from None
     return found | {"nominal_uncertainty": shares}
 

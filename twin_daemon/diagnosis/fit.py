@@ -238,7 +238,7 @@ def _nominal_sigma(fit: Fit, variable: EffectVariable) -> float:
     spoken = hypothesis.speaks_for(twin)
     if not spoken:
         return 0.0
-    sigma = twin.hand.description.nominal_uncertainty.of(next(iter(spoken)).rpartition(".")[2])
+    sigma = twin.hand.description.nominal_uncertainty.of(next(iter(spoken)))
     if hypothesis.effect.parameters[0].neutral == 1.0:
         return sigma * fit.values[hypothesis.effect.parameters[0].name]
     return sigma * max(twin.parameter(name).read(twin.base_model) for name in spoken)

@@ -46,12 +46,13 @@ def nuisance_variables(twin: TwinModel, recordings: Sequence[Aligned], joints: S
     found: list[Variable] = [
         _factor(name, (name,), sigma, joint)
         for name, joint in known.items()
-        if (sigma := float(np.hypot(assumed.of(name.rpartition(".")[2]), spread.get(name, 0.0)))) > 0.0
+        if (sigma := float(np.hypot(assumed.of(name), spread.get(name, 0.0)))) > 0.0
     ]
     for servo, driven in driven_by.items():
-        if assumed.gain > 0.0 and set(driven) & set(joints) and twin.parameter(servo).read(twin.base_model) > 0.0:
+        sigma = assumed.of(servo)
+        if sigma > 0.0 and set(driven) & set(joints) and twin.parameter(servo).read(twin.base_model) > 0.0:
             along = [v.name for v in found if set(v.joints) <= set(driven)]
-            found.append(_factor(servo, (servo, *along), assumed.gain, *driven))
+            found.append(_factor(servo, (servo, *along), sigma, *driven))
     for number, (_, members) in enumerate(_by_recording(recordings).items()):
         sigma = _delay_sigma_s(recordings[members[0]])
         reach = DELAY_REACH * sigma

@@ -173,9 +173,14 @@ class NominalUncertainty(_Strict):
     """Of each link: its mass, its inertia, and its centre of mass as a share of the distance from the link's origin."""
     ends: Annotated[float, Field(ge=0, le=1)] = 0.12
     """Of the time in which the end of a joint's travel pushes it back: a number of the simulator's."""
+    parameters: dict[Name, Annotated[float, Field(ge=0, le=1)]] = Field(default_factory=dict)
+    """Of single parameters, by names such as `rh_FFJ3.damping` or `rh_A_FFJ3.kp`, in the place of their kind's."""
 
-    def of(self, kind: str) -> float:
-        """That of a kind of parameter, as its name ends: "damping", "frictionloss", "armature" or "kp"."""
+    def of(self, parameter: str) -> float:
+        """That of a parameter, whose name ends with its kind: "damping", "frictionloss", "armature" or "kp"."""
+        if parameter in self.parameters:
+            return self.parameters[parameter]
+        kind = parameter.rpartition(".")[2]
         return getattr(self, "gain" if kind == "kp" else kind)
 
 
