@@ -89,7 +89,8 @@ def _as_earlier(twin: TwinModel, groups: Sequence[Group], spread: float) -> Twin
                 terms = terms.with_effect(term_of(every, index, point))
     # as sessions differ, and as the earlier one leaves them open
     kinds = dict.fromkeys(("damping", "frictionloss", "armature", "gain"), min(spread, 1.0))
-    known = twin.hand.description.nominal_uncertainty.model_copy(update={**kinds, "parameters": shares})
+    own = {**kinds, "parameters": shares, "between_sessions": min(spread, 1.0)}
+    known = twin.hand.description.nominal_uncertainty.model_copy(update=own)
     hand = replace(twin.hand, description=twin.hand.description.model_copy(update={"nominal_uncertainty": known}))
     return TwinModel(hand, twin.nominal, terms.model_copy(update={"parameters": parameters}))
 

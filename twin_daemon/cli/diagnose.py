@@ -105,7 +105,8 @@ def assumptions(tolerance_mrad: float | None, uncertainty: Sequence[str] | None)
     if not uncertainty:
         return found
     shares: dict[str, float] = {}
-    every = [name for name in NominalUncertainty.model_fields if name != "parameters"]
+    each = [name for name in NominalUncertainty.model_fields if name != "parameters"]
+    every = [name for name in each if name != "between_sessions"]  # no number of a model is off by that
     for text in uncertainty:
         kind, _, share = text.rpartition("=")
         kinds = [kind] if kind else every
@@ -114,7 +115,7 @@ def assumptions(tolerance_mrad: float | None, uncertainty: Sequence[str] | None)
         except ValidationError:
             raise BadInput(
                 f"--nominal-uncertainty {text}: no share of a nominal value",
-                allowed=f"0 to 1, or one of {', '.join(every)} = 0 to 1",
+                allowed=f"0 to 1, or one of {', '.join(each)} = 0 to 1",
             ) from None
     return found | {"nominal_uncertainty": shares}
 

@@ -31,11 +31,11 @@ from twin_daemon.diagnosis.thresholds import (
 )
 from twin_daemon.diagnosis.verdict import MovedParameter
 from twin_daemon.estimation.floor import floor_variance
-from twin_daemon.estimation.nuisances import beside, carried_over, nuisance_variables
+from twin_daemon.estimation.nuisances import beside, between_sessions, carried_over, nuisance_variables
 from twin_daemon.estimation.posterior import Correction, Posterior, floor_and_corrections, tolerated
 from twin_daemon.estimation.solvers.trust_region import Derivative, Descent, descend, differenced
 from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
-from twin_daemon.estimation.uncertainty import conditional_information
+from twin_daemon.estimation.uncertainty import conditional_information, elsewhere
 from twin_daemon.estimation.variables import EffectVariable, OnsetVariable
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
@@ -384,7 +384,8 @@ class PartFit:
         """Residuals (n, k) rad of a fit on held-out recordings, with its nuisances as fitted, without a step's error.
 
         With `adjusted` its values move as far as the fitted motion leaves them uncertain: what that has not determined,
-        other motion may still say without the law being wrong. One Gauss-Newton step with the fit's posterior as prior.
+        other motion may still say without the law being wrong, and another session may have a little more or less of
+        each. One Gauss-Newton step with the fit's posterior, widened by what sessions differ in, as prior.
         A recording that is fitted as well is predicted by what the others say of it.
         """
         in_turn = fitted_too(self.recordings, recordings)
@@ -404,7 +405,8 @@ class PartFit:
         variables, point = tuple(every[i] for i in kept), fit.point[kept]
         if adjusted and kept:
             problem = Posterior(fit.problem.twin, moved, variables, self.joints, self.floor)
-            point = _adjusted(problem, point, conditional_information(fit.slopes, kept) / max(1.0, fit.chi_square))
+            known = conditional_information(fit.slopes, kept) / max(1.0, fit.chi_square)
+            point = _adjusted(problem, point, elsewhere(known, between_sessions(fit.problem.twin, variables)))
         problem = Posterior(fit.problem.twin, moved, variables, self.joints, self.floor)
         if not (self.plainly_sound and (problem.times_floor(point) <= CLOSER_LOOK).all()):
             problem = problem.corrected(problem.corrections_at(point))

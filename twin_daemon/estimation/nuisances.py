@@ -133,6 +133,13 @@ def carried_over(
     return kept, [r.with_onset(r.onset_s + shift_s) for r in recordings]
 
 
+def between_sessions(twin: TwinModel, variables: Sequence[Variable]) -> np.ndarray:
+    """(p,) one sigma of what a value may have more or less in another session, in unit coordinates; 0 for most."""
+    share = twin.hand.description.nominal_uncertainty.between_sessions
+    uncertain = [isinstance(v, ParameterVariable) and v.factor and v.prior is not None for v in variables]
+    return np.array([share / (v.high - v.low) if one else 0.0 for one, v in zip(uncertain, variables, strict=True)])
+
+
 def _by_recording(pieces: Sequence[Aligned]) -> dict[str, list[int]]:
     """Indices of the pieces that come from one recording: they share its clock."""
     out: dict[str, list[int]] = {}

@@ -198,6 +198,15 @@ def block_gain(before: np.ndarray, after: np.ndarray, block: int, seed: int, dra
     return float(low), float(high)
 
 
+def elsewhere(information: np.ndarray, apart: np.ndarray) -> np.ndarray:
+    """(p, p) what is known of values from where they were, by that information (p, p), where they may differ.
+
+    `apart` (p,) is one sigma of that difference: the covariances add.
+    """
+    variance = np.square(apart)
+    return np.linalg.solve(np.eye(len(apart)) + information * variance, information) if variance.any() else information
+
+
 def conditional_information(slopes: np.ndarray, kept: Sequence[int]) -> np.ndarray:
     """(k, k) what rows with derivative (m, p) say of some of the variables, the others being unknown (Schur)."""
     information = slopes.T @ slopes

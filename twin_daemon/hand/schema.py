@@ -173,6 +173,8 @@ class NominalUncertainty(_Strict):
     """Of each link: its mass, its inertia, and its centre of mass as a share of the distance from the link's origin."""
     ends: Annotated[float, Field(ge=0, le=1)] = 0.12
     """Of the time in which the end of a joint's travel pushes it back: a number of the simulator's."""
+    between_sessions: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """Of damping, friction, inertia and gain: what validation data of another session may have more or less."""
     parameters: dict[Name, Annotated[float, Field(ge=0, le=1)]] = Field(default_factory=dict)
     """Of single parameters, by names such as `rh_FFJ3.damping` or `rh_A_FFJ3.kp`, in the place of their kind's."""
 
