@@ -13,10 +13,15 @@ import numpy as np
 import pytest
 
 from tests.simulation.made import Motion, recorded, saved
+from twin_daemon.changes.group import Sessions, begun, group_of
+from twin_daemon.changes.group_search import asks_for_an_effect
 from twin_daemon.changes.quantities import quantities, with_companions
 from twin_daemon.cli.app import main
+from twin_daemon.estimation.partition import Reduction
 from twin_daemon.hand import load_hand
 from twin_daemon.recordings import load_recording
+from twin_daemon.simulation.alignment import align
+from twin_daemon.simulation.submodel import drive_groups
 from twin_daemon.simulation.terms import EffectTerm, Terms
 from twin_daemon.simulation.twin import TwinModel
 from twin_daemon.versions import VersionStore
@@ -243,3 +248,23 @@ def test_options_that_exclude_each_other_are_refused(model: Path, capsys: pytest
     assert "--since and --baseline" in capsys.readouterr().err
     assert main(["diagnose", "--model", str(model), *bags, "--cluster", "tcp://127.0.0.1:1"]) == 2
     assert "--cluster" in capsys.readouterr().err
+
+
+def test_an_effect_is_looked_for_only_where_the_later_session_is_off(
+    since: Callable[..., dict[str, Any]], model: Path
+) -> None:
+    """What the model gets wrong in both sessions alike has not appeared in the later one."""
+    since("same", {})
+    stiff = EffectTerm(effect="nonlinear_spring", target=JOINT, values={"cubic": 1.0})
+    twin = TwinModel.load(load_hand(model=model))
+    plant = twin.changed(Terms(parameters=OFF, effects=(stiff,))).at_step(0.0005)
+    off = recorded(plant, _NOW, np.random.default_rng(3), seconds=7.0, noise_rad=1e-3, name="off")
+    healthy, same = (align(twin, load_recording(model.parent / f"{name}.mcap")) for name in ("healthy", "same"))
+    asked = []
+    for now in (same, align(twin, off)):
+        (group,) = drive_groups(twin)
+        (reduced,) = Reduction(twin, [healthy], [now]).each(twin, [(group, [JOINT])])
+        assert reduced is not None
+        sessions = Sessions(before=tuple(reduced.train), now=tuple(reduced.holdout))
+        asked.append(asks_for_an_effect(group_of(begun(reduced, sessions, quantities(twin, (JOINT,)))).without))
+    assert asked == [False, True]

@@ -26,6 +26,7 @@ from twin_daemon.changes.thresholds import (
     TOLD_APART_NATS,
     WORTH_REFITTING,
 )
+from twin_daemon.estimation.thresholds import Z95
 
 
 @dataclass
@@ -146,11 +147,11 @@ def _tried(
     `start` is where the earlier session's own fit ends: a change is often found from there, as `fit` has had to make up
     for it.
     """
-    pair = fit.pair
+    pair, asked_for = fit.pair, asks_for_an_effect(fit)
     odds: dict[int, float] = {}
     begun: dict[int, list[Fit]] = {}
     for index, quantity in enumerate(pair.now.quantities):
-        if not quantity.wears or index in chosen:
+        if not quantity.wears or index in chosen or not (asked_for or _is_present(pair, index)):
             continue
         for origin in (fit, *([start] if start is not None else [])):
             aim, evidence = origin.expected((*chosen, index))
@@ -230,6 +231,30 @@ def _alone(origin: Fit, place: int, sigma: float) -> float:
     return float(origin.point[place] - column @ origin.rows / (column @ column + 1.0 / sigma**2))
 
 
+def _asked_of(fit: Fit) -> float:
+    """Nats by which the later session is off where it asks for an effect: what it may cost more than the earlier one.
+
+    To 95 %, where nothing has changed; rows count as many samples as they are independent. What is not off may be made
+    better by an effect, but no more than the earlier session would be, which shows nothing of it: that is the form of
+    the model. 0 where a version stands for the earlier session.
+    """
+    if fit.pair.before is None:
+        return 0.0
+    size = len(fit.pair.before.weights)
+    earlier = float((fit.rows[:size] ** 2).sum())
+    later = earlier * (len(fit.rows) - size) / size
+    return float(0.5 * Z95 * later * np.sqrt(2.0 / earlier + 2.0 / later)) if later > 0.0 else 0.0
+
+
+def asks_for_an_effect(fit: Fit) -> bool:
+    """Whether the later session is off, so that something may have appeared in it."""
+    if fit.pair.before is None:
+        return True
+    size = len(fit.pair.before.weights)
+    earlier = float((fit.rows[:size] ** 2).sum())
+    return 0.5 * (fit.cost - earlier * len(fit.rows) / size) > _asked_of(fit)
+
+
 def _is_present(pair: Pair, index: int) -> bool:
     """Whether the model of the earlier session has it."""
     return pair.now.quantities[index].is_parameter or index in pair.now.active or pair.now.quantities[index].signed
@@ -244,6 +269,7 @@ def _seen_from(fit: Fit, price: float) -> dict[int, float]:
             variance = fit.said_of(index)[1]
             spike, slab = variance + spikes[index] ** 2, variance + quantity.slab**2
             asked = float(np.log(SEEN / (1.0 - SEEN))) - _odds_before(fit.pair, index, price)
+            asked = asked if _is_present(fit.pair, index) else max(asked, _asked_of(fit))
             asked += 0.5 * float(np.log(slab / spike)) if np.isfinite(variance) else np.inf
             found[index] = float(np.sqrt(2.0 * asked / (1.0 / spike - 1.0 / slab))) if np.isfinite(asked) else np.inf
     return found

@@ -19,6 +19,7 @@ from twin_daemon.diagnosis.thresholds import (
     DECISIVE_NATS,
     DELAY_ROUNDS,
     DEVIATING_SIGMA,
+    ELSEWHERE_STEPS,
     FORBIDDEN_SIGMA,
     HARDLY_FURTHER,
     LEAST_SHARE_OF_ERROR,
@@ -385,7 +386,8 @@ class PartFit:
 
         With `adjusted` its values move as far as the fitted motion leaves them uncertain: what that has not determined,
         other motion may still say without the law being wrong, and another session may have a little more or less of
-        each. One Gauss-Newton step with the fit's posterior, widened by what sessions differ in, as prior.
+        each. One Gauss-Newton step, in another session a few, with the fit's posterior as prior, widened by what
+        sessions differ in.
         A recording that is fitted as well is predicted by what the others say of it.
         """
         in_turn = fitted_too(self.recordings, recordings)
@@ -406,21 +408,27 @@ class PartFit:
         if adjusted and kept:
             problem = Posterior(fit.problem.twin, moved, variables, self.joints, self.floor)
             known = conditional_information(fit.slopes, kept) / max(1.0, fit.chi_square)
-            point = _adjusted(problem, point, elsewhere(known, between_sessions(fit.problem.twin, variables)))
+            apart = between_sessions(fit.problem.twin, variables)
+            steps = ELSEWHERE_STEPS if apart.any() else 1
+            point = _adjusted(problem, point, elsewhere(known, apart), steps)
         problem = Posterior(fit.problem.twin, moved, variables, self.joints, self.floor)
         if not (self.plainly_sound and (problem.times_floor(point) <= CLOSER_LOOK).all()):
             problem = problem.corrected(problem.corrections_at(point))
         return [rows[0] for rows in problem.joint_residuals(point[None])]
 
 
-def _adjusted(problem: Posterior, point: np.ndarray, information: np.ndarray) -> np.ndarray:
-    """(p,) a point after one step on a problem, held back by what is known of it already: its information (p, p)."""
-    problem = problem.corrected(problem.corrections_at(point))
+def _adjusted(problem: Posterior, known: np.ndarray, information: np.ndarray, steps: int) -> np.ndarray:
+    """(p,) a known point after some steps on a problem, held back by what is known of it: its information (p, p)."""
+    problem = problem.corrected(problem.corrections_at(known))
     data = -len(problem.prior_slopes()) or None  # the priors are in what is known already
-    rows = problem.residuals(point[None])[0]
-    slopes = differenced(problem, point, rows, range(len(point)))[:data]
-    rows = rows[:data]
-    step = np.linalg.lstsq(slopes.T @ slopes + information, -slopes.T @ rows, rcond=None)[0]
-    moved = np.clip(point + step, 0.0, 1.0)
-    moved_rows = problem.residuals(moved[None])[0][:data]
-    return moved if moved_rows @ moved_rows < rows @ rows else point
+    point, every = known, problem.residuals(known[None])[0]
+    for _ in range(steps):
+        slopes, rows = differenced(problem, point, every, range(len(point)))[:data], every[:data]
+        pull = information @ (known - point)
+        step = np.linalg.lstsq(slopes.T @ slopes + information, pull - slopes.T @ rows, rcond=None)[0]
+        moved = np.clip(point + step, 0.0, 1.0)
+        found = problem.residuals(moved[None])[0]
+        if found[:data] @ found[:data] >= rows @ rows:
+            break
+        point, every = moved, found
+    return point

@@ -41,6 +41,9 @@ NUISANCE_ROLLOUTS = Count(12, "roll-outs", "of a round of the nuisances beside t
 STEP_ERROR_ROUNDS = Count(3, "times", "a group's values are settled with the time step's error where they have come to")
 SETTLED = Threshold(0.95, "1", "of the cost before: a round that gains less is the last")
 GONE_FAR = Threshold(0.8, "1", "of its first cost: a descent that has come below it is taken up again")
+ELSEWHERE_STEPS = Count(
+    3, "steps", "in which values get to where they are in another session, of validation data that were recorded there"
+)
 REFIT_ROUNDS = Count(6, "rounds", "of the fit of one named effect, with new derivatives each")
 REFIT_ROLLOUTS = Count(16, "roll-outs", "of each round, beside those of its derivatives")
 REFIT_STARTS = Count(2, "starts", "of a named effect that are descended from, the best of its own")
