@@ -9,6 +9,7 @@ import pytest
 
 from tests.diagnosis.conftest import JOINT, called
 from twin_daemon.cli.app import main
+from twin_daemon.cli.diagnose import assumptions
 from twin_daemon.diagnosis.search import diagnose
 from twin_daemon.estimation.problem import Problem
 from twin_daemon.executor import concurrently
@@ -106,3 +107,10 @@ def test_what_an_exact_model_cannot_be_off_is_an_effect(sound: Path, tmp_path: P
 def test_a_share_that_is_none_is_one_line(given: str, sound: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["diagnose", "--recording", str(sound), "--nominal-uncertainty", given]) == 3
     assert "0 to 1" in capsys.readouterr().err
+
+
+def test_what_sessions_differ_in_is_stated_by_its_name_alone() -> None:
+    """A model whose numbers are off by a fifth says nothing about another day."""
+    assert "between_sessions" not in assumptions(None, ["0.2"])["nominal_uncertainty"]
+    stated = assumptions(None, ["0.2", "between_sessions=0.03"])["nominal_uncertainty"]
+    assert (stated["between_sessions"], stated["gain"]) == (0.03, 0.2)

@@ -32,7 +32,7 @@ def changed_together(twin: TwinModel, groups: Sequence[Group]) -> list[list[Grou
 
     At least two in each are off.
     """
-    off = [group for group in groups if group.strain > LEFT_OVER]
+    off = [group for group in groups if group.without.strain > LEFT_OVER]
     found = []
     for members in linked(twin, [group.reduced.joints for group in off]) if off else []:
         own = [off[i] for i in members]
@@ -61,15 +61,15 @@ def diagnosed(
     except BadInput:
         return None  # too short to be judged, too
     joints = [joint for group in groups for joint in group.reduced.joints]
-    found = diagnose(
-        _as_earlier(twin, groups, spread), train, judged, joints=joints, seed=seed, stream=say, limit=limit
-    )
+    # what is held out of the same motion has the same values
+    earlier = _as_earlier(twin, groups, min(spread, 1.0), between_sessions=min(spread, 1.0) if held else 0.0)
+    found = diagnose(earlier, train, judged, joints=joints, seed=seed, stream=say, limit=limit)
     if found.interrupted:
         raise OutOfTime
     return found if found.findings and found.verdict in ("explained", "ambiguous") else None
 
 
-def _as_earlier(twin: TwinModel, groups: Sequence[Group], spread: float) -> TwinModel:
+def _as_earlier(twin: TwinModel, groups: Sequence[Group], spread: float, between_sessions: float) -> TwinModel:
     """The twin with the values that the earlier session has, and the effects that it shows."""
     terms, parameters = twin.terms, dict(twin.terms.parameters)
     shares: dict[str, float] = {}
@@ -88,8 +88,8 @@ def _as_earlier(twin: TwinModel, groups: Sequence[Group], spread: float) -> Twin
             elif index in shown and not quantity.beside:
                 terms = terms.with_effect(term_of(every, index, point))
     # as sessions differ, and as the earlier one leaves them open
-    kinds = dict.fromkeys(("damping", "frictionloss", "armature", "gain"), min(spread, 1.0))
-    own = {**kinds, "parameters": shares, "between_sessions": min(spread, 1.0)}
+    kinds = dict.fromkeys(("damping", "frictionloss", "armature", "gain"), spread)
+    own = {**kinds, "parameters": shares, "between_sessions": between_sessions}
     known = twin.hand.description.nominal_uncertainty.model_copy(update=own)
     hand = replace(twin.hand, description=twin.hand.description.model_copy(update={"nominal_uncertainty": known}))
     return TwinModel(hand, twin.nominal, terms.model_copy(update={"parameters": parameters}))

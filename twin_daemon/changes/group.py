@@ -52,18 +52,6 @@ class Group:
     without: Fit
     floor: np.ndarray
 
-    @property
-    def strain(self) -> float:
-        """The cost of the later session without any change, with that of values that go far for it, over the earlier's.
-
-        Both by sample. Of a version that stands for the earlier one over what its noise is taken for.
-        """
-        before, squares = self.pair.before, self.without.rows**2
-        size = len(before.weights) if before else 0
-        earlier = float(squares[:size].sum())
-        later = (self.without.cost - earlier) / (len(squares) - size)
-        return later / max(earlier / size, 1e-30) if size else later
-
     def held(self, every: tuple[Quantity, ...]) -> Session | None:
         """What is held out of the later session, with these quantities."""
         pieces, twin = self.sessions.held, self.reduced.twin

@@ -231,28 +231,27 @@ def _alone(origin: Fit, place: int, sigma: float) -> float:
     return float(origin.point[place] - column @ origin.rows / (column @ column + 1.0 / sigma**2))
 
 
-def _asked_of(fit: Fit) -> float:
-    """Nats by which the later session is off where it asks for an effect: what it may cost more than the earlier one.
+def _by_chance(fit: Fit) -> tuple[float, float]:
+    """(what the later session costs where nothing has changed, how much more than that it may cost by chance: 95 %).
 
-    To 95 %, where nothing has changed; rows count as many samples as they are independent. What is not off may be made
-    better by an effect, but no more than the earlier session would be, which shows nothing of it: that is the form of
-    the model. 0 where a version stands for the earlier session.
+    As the earlier one says; rows count as many samples as they are independent. Nothing where a version stands for it.
     """
-    if fit.pair.before is None:
-        return 0.0
-    size = len(fit.pair.before.weights)
-    earlier = float((fit.rows[:size] ** 2).sum())
-    later = earlier * (len(fit.rows) - size) / size
-    return float(0.5 * Z95 * later * np.sqrt(2.0 / earlier + 2.0 / later)) if later > 0.0 else 0.0
+    before, now = fit.by_session
+    earlier = float(before @ before)
+    if earlier <= 0.0:
+        return 0.0, 0.0
+    expected = earlier * len(now) / len(before)
+    return expected, Z95 * expected * float(np.sqrt(2.0 / earlier + 2.0 / expected))
 
 
 def asks_for_an_effect(fit: Fit) -> bool:
-    """Whether the later session is off, so that something may have appeared in it."""
-    if fit.pair.before is None:
-        return True
-    size = len(fit.pair.before.weights)
-    earlier = float((fit.rows[:size] ** 2).sum())
-    return 0.5 * (fit.cost - earlier * len(fit.rows) / size) > _asked_of(fit)
+    """Whether the later session is off, so that something may have appeared in it.
+
+    An effect always takes a little of what the model gets wrong away. Where the earlier session, which shows nothing of
+    it, is as far off, that is no evidence of it.
+    """
+    expected, more = _by_chance(fit)
+    return fit.strain * expected > expected + more if expected > 0.0 else True
 
 
 def _is_present(pair: Pair, index: int) -> bool:
@@ -262,14 +261,14 @@ def _is_present(pair: Pair, index: int) -> bool:
 
 def _seen_from(fit: Fit, price: float) -> dict[int, float]:
     """By quantity the change of z from which its probability would have been SEEN, had nothing else changed."""
-    found = {}
+    found, least = {}, 0.5 * _by_chance(fit)[1]
     spikes = fit.pair.sigmas(())[fit.pair.count :]
     for index, quantity in enumerate(fit.pair.now.quantities):
         if quantity.wears:
             variance = fit.said_of(index)[1]
             spike, slab = variance + spikes[index] ** 2, variance + quantity.slab**2
             asked = float(np.log(SEEN / (1.0 - SEEN))) - _odds_before(fit.pair, index, price)
-            asked = asked if _is_present(fit.pair, index) else max(asked, _asked_of(fit))
+            asked = asked if _is_present(fit.pair, index) else max(asked, least)
             asked += 0.5 * float(np.log(slab / spike)) if np.isfinite(variance) else np.inf
             found[index] = float(np.sqrt(2.0 * asked / (1.0 / spike - 1.0 / slab))) if np.isfinite(asked) else np.inf
     return found
@@ -277,8 +276,7 @@ def _seen_from(fit: Fit, price: float) -> dict[int, float]:
 
 def _left(fit: Fit) -> float:
     """Mean square of the later session's rows over the earlier one's, or over its noise where there is none."""
-    pair = fit.pair
-    size = len(pair.before.weights) if pair.before else 0
-    later = float((fit.rows[size:] ** 2).mean())
-    earlier = float((fit.rows[:size] ** 2).mean()) if pair.before else later
+    before, now = fit.by_session
+    later = float((now**2).mean())
+    earlier = float((before**2).mean()) if len(before) else later
     return later / max(earlier, 1e-30)

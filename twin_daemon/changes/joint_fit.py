@@ -47,6 +47,23 @@ class Fit:
         return float(self.rows @ self.rows + pulls @ pulls)
 
     @property
+    def by_session(self) -> tuple[np.ndarray, np.ndarray]:
+        """The rows of the earlier session, none where a version stands for it, and those of the later one."""
+        size = self.pair.rows_before
+        return self.rows[:size], self.rows[size:]
+
+    @property
+    def strain(self) -> float:
+        """The cost of the later session, with that of values that go far for it, over the earlier's, both by sample.
+
+        Of a version that stands for the earlier one over what its noise is taken for.
+        """
+        before, now = self.by_session
+        earlier = float(before @ before)
+        later = (self.cost - earlier) / len(now)
+        return later / max(earlier / len(before), 1e-30) if len(before) else later
+
+    @property
     def log_evidence(self) -> float:
         """Nats, up to what all fits of a pair share."""
         sigmas = self.pair.sigmas(self.changed)
@@ -139,10 +156,15 @@ class Pair:
         before, now = self.points(point)
         return np.concatenate([*([self.before.rows(before)] if self.before else []), self.now.rows(now)])
 
+    @property
+    def rows_before(self) -> int:
+        """How many rows are the earlier session's."""
+        return len(self.before.weights) if self.before else 0
+
     def slopes(self, point: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """(m, p) derivative of these rows (m,)."""
         before, now = self.points(point)
-        q, size = self.count, len(self.before.weights) if self.before else 0
+        q, size = self.count, self.rows_before
         held = len(before) - q if self.before else 0
         out = np.zeros((len(rows), len(point)))
         if self.before:
