@@ -109,7 +109,7 @@ def test_a_load_is_looked_for_where_those_feel_it_that_leave_much(tmp_path: Path
 
 
 def test_a_load_beside_the_line_of_a_link_is_one(tmp_path: Path) -> None:
-    """On the line, as the library has it, it would turn a joint about that a little, and it does not."""
+    """On the line it would turn the joint a little, and it does not: it is on the axis, 2 mm beside the line."""
     twin = _arm(tmp_path, end=_ROLL.format(""))
     load = '<geom type="sphere" size="0.01" mass="0.3" pos="0.3 0 0" contype="0" conaffinity="0"/>'
     (tmp_path / "plant").mkdir()
@@ -120,6 +120,9 @@ def test_a_load_beside_the_line_of_a_link_is_one(tmp_path: Path) -> None:
     assert found is not None
     assert found.finding.name == "payload:roll"
     assert found.finding.values["mass"] == pytest.approx(0.3, rel=0.3)
+    there = twin.changed(found.terms).model.body("roll_payload").pos
+    assert there[1] == pytest.approx(0.0, abs=5e-4)  # its weight turns the joint by that
+    assert there[2] == pytest.approx(0.0, abs=2e-3)
 
 
 def test_a_pair_keeps_the_values_of_its_two_loads_apart(tmp_path: Path) -> None:
@@ -129,8 +132,8 @@ def test_a_pair_keeps_the_values_of_its_two_loads_apart(tmp_path: Path) -> None:
     values = pair.accepted(pair.joined({"mass": 0.3}, {"mass": 1e6, "at": 0.5}))
     heaviest = pair.parameter("1.mass").limits[1]
     assert [pair.values_of(part, values) for part in pair.parts] == [
-        {"mass": 0.3, "at": 1.0},
-        {"mass": heaviest, "at": 0.5},
+        {"mass": 0.3, "at": 1.0, "across_1": 0.0, "across_2": 0.0},
+        {"mass": heaviest, "at": 0.5, "across_1": 0.0, "across_2": 0.0},
     ]
     terms = pair.terms(twin, values).effects
     assert {(term.target, term.values["mass"]) for term in terms} == {("wrist", 0.3), ("elbow", heaviest)}

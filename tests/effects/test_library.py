@@ -55,7 +55,7 @@ def test_every_effect_that_comes_with_the_program_has_a_plant_that_shares_no_cod
 @every_effect
 def test_a_stronger_or_wider_robot_is_searched_further_and_never_beyond_physics(key: str, times: float, bench: Bench):
     weak = bench.twin.scale("rh_FFJ3")
-    far = {name: times * getattr(weak, name) for name in ("kp", "inertia", "lower", "upper")}
+    far = {name: times * getattr(weak, name) for name in ("kp", "inertia", "length", "lower", "upper")}
     strong = replace(weak, **far)
     for parameter in LIBRARY[key].parameters:
         (lower, upper), (far_lower, far_upper) = parameter.bounds(weak), parameter.bounds(strong)

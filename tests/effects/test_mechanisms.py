@@ -403,6 +403,26 @@ def test_a_load_hangs_at_the_end_of_the_last_link_whoever_states_its_mass(tmp_pa
     assert rests[1] - rests[0] == pytest.approx(0.1 * 9.81 * 0.3 / 40, rel=0.01)
 
 
+@pytest.mark.parametrize("across", ["across_1", "across_2"])
+def test_a_load_beside_its_line_is_that_far_from_it(tmp_path: Path, across: str):
+    """Of a roll axis that lies level it turns what a load on the line leaves as it is."""
+    path = tmp_path / "roll.xml"
+    path.write_text(
+        """<mujoco><compiler angle="radian"/><option timestep="0.002" integrator="implicitfast"/><worldbody>
+        <body name="link"><joint name="joint" axis="1 0 0" range="-2 2" damping="2" armature="0.1"/>
+        <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02" mass="0.2"/></body></worldbody>
+        <actuator><position name="joint" joint="joint" kp="40" kv="1" ctrlrange="-2 2"/></actuator></mujoco>"""
+    )
+    twin = TwinModel.load(load_hand(model=path))
+    values = {"mass": 0.1, "at": 1.0, across: 0.05}
+    loaded = twin.changed(Terms(effects=(EffectTerm(effect="payload", target="joint", values=values),)))
+    end, at = (loaded.model.body(name).ipos + loaded.model.body(name).pos for name in ("link", "joint_payload"))
+    assert np.linalg.norm(at - 2.0 * end) == pytest.approx(0.05, rel=1e-6)
+    rest = float(move(loaded, np.zeros((1500, 1)))[-1, 0])
+    level = abs(float(at[1]))  # of the angle it comes to its arm is shorter by nothing that counts
+    assert abs(rest) == pytest.approx(0.1 * 9.81 * level / 40, rel=0.02, abs=2e-6)
+
+
 def test_a_load_is_one_and_the_same_at_all_joints_that_carry_it_alike(tmp_path: Path):
     """A link that turns about two joints, and a knuckle that is one point, carry what the next link does."""
     path = tmp_path / "arm.xml"

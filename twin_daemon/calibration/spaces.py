@@ -137,7 +137,7 @@ def _of_effects(twin: TwinModel, moving: Sequence[str]) -> list[EffectVariable]:
             bounds = LIBRARY[term.effect].bounds(described.scale(term.target))
             for p in LIBRARY[term.effect].parameters:
                 lower, upper = bounds[p.name]
-                if lower < upper and not p.held and p.name != LIBRARY[term.effect].everywhere:
+                if lower < upper and not (p.held or p.refines) and p.name != LIBRARY[term.effect].everywhere:
                     start = term.values.get(p.name, p.default)
                     reach = min(lower, start), max(upper, start)
                     variables.append(effect_variable(term.effect, term.target, p, reach, start, joints))

@@ -49,6 +49,8 @@ class Hypothesis:
         for p in self.effect.parameters:
             if p.fixed or p.name == self.effect.everywhere:
                 continue  # at one joint the latter says what another parameter says
+            if p.refines and complete[p.name] == p.neutral:
+                continue  # nobody has asked for it yet
             lower, upper = self._box(p)
             if p.held:
                 lower = max(lower, complete[p.name] / COUNTED_NEARBY)
@@ -60,6 +62,8 @@ class Hypothesis:
     def _box(self, p: Parameter) -> tuple[float, float]:
         values = [start[p.name] for start in self.starts]
         lower, upper = self.bounds[p.name]
+        if p.refines:
+            return lower, upper
         if p.log and lower > 0:
             return max(lower, min(values) / WIDER), min(upper, max(values) * WIDER)
         above = max(max(v - p.neutral for v in values), 0.0) * WIDER

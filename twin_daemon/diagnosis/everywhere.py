@@ -39,7 +39,8 @@ def of_all(
 ) -> Shared | None:
     """One cause that all servos or joints have, before anything else is fitted; None where it is not as clear as that.
 
-    A late bus is felt by every group, and what is uncertain about each would be fitted in vain.
+    A late bus is felt by every group, and what is uncertain about each would be fitted in vain. What a load may be
+    mistaken for is held against every load that all of them feel: an arm sags under one as with a weak supply.
     """
     if 2 * sum(not part.within_floor for _, part in begun) <= len(begun):
         return None
@@ -49,8 +50,13 @@ def of_all(
         return None
     above = [begun[i] for i in chosen]
     joints = [reduced.joints for reduced, _ in above]
-    causes = [cause for cause in shared_causes(twin, joints, everywhere=True) if cause.target == ROBOT]
-    return _said(search.only(chosen).best(causes, seed, most_left=OF_ALL_LEFT), len(above), say)
+    causes = shared_causes(twin, joints, everywhere=True)
+    of_robot, search = [cause for cause in causes if cause.target == ROBOT], search.only(chosen)
+    found = search.best(of_robot, seed, most_left=OF_ALL_LEFT)
+    loads = [cause for cause in causes if cause.is_load and found and found.finding.effect in cause.effect.confusable]
+    if loads:
+        found = search.best([*of_robot, *loads], seed, most_left=OF_ALL_LEFT)
+    return _said(found, len(above), say) if found and found.finding.target == ROBOT else None
 
 
 def behind_all(

@@ -6,7 +6,7 @@ import numpy as np
 
 from twin_daemon.diagnosis.candidates import Hypothesis
 from twin_daemon.diagnosis.fit import Fit, as_fit, own_columns
-from twin_daemon.diagnosis.further_starts import begun_ends, box_moved, nominal_again, other_ends
+from twin_daemon.diagnosis.further_starts import begun_ends, box_moved, nominal_again, other_ends, refined
 from twin_daemon.diagnosis.thresholds import GONE_FAR, RACE_ROLLOUTS, SCREENED_S
 from twin_daemon.estimation.posterior import Posterior
 from twin_daemon.estimation.solvers.trust_region import Derivative, Descent, descend, differenced, searched
@@ -38,6 +38,11 @@ def fitted_to_the_end(
             if promising is not None:
                 again = _descended(hypothesis, problem, promising, evaluations)
                 fit = min(fit, again, key=lambda one: one.cost)
+    if (begins := refined(fit)) is not None:
+        again = _descended(hypothesis, *begins, evaluations)
+        more = len(again.point) - len(fit.point)
+        if again.cost + more * np.log(fit.problem.effective_samples) < fit.cost:
+            fit = again
     rows = fit.problem.residuals(fit.point[None])[0]
     own, slopes = own_columns(fit.problem), fit.slopes.copy()
     others = [i for i in range(len(fit.point)) if i not in own]

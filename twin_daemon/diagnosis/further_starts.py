@@ -9,6 +9,8 @@ import numpy as np
 from twin_daemon.diagnosis.fit import Fit
 from twin_daemon.diagnosis.thresholds import COUNTED_NEARBY, MOVED_SIGMA
 from twin_daemon.estimation.posterior import Posterior
+from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
+from twin_daemon.estimation.variables import effect_variable
 
 
 def box_moved(fit: Fit) -> tuple[Posterior, np.ndarray] | None:
@@ -30,6 +32,28 @@ def box_moved(fit: Fit) -> tuple[Posterior, np.ndarray] | None:
         return None
     problem = fit.problem
     return problem.over(problem.recordings, variables, problem.corrections), units
+
+
+def refined(fit: Fit) -> tuple[Posterior, np.ndarray] | None:
+    """(the fit's problem with what refines its effect as variables, its point); None where nothing does or is needed.
+
+    Where all joints are at their floor no value of the effect is missing.
+    """
+    if fit.hypothesis is None or not any(p.refines for p in fit.hypothesis.effect.parameters):
+        return None
+    if (fit.problem.times_floor(fit.point) <= FLOOR_CHI_SQUARE).all():
+        return None
+    effect, target, problem = fit.hypothesis.effect, fit.hypothesis.target, fit.problem
+    free = {variable.parameter for _, variable in fit.own_variables}
+    more = [
+        effect_variable(effect.key, target, p, fit.hypothesis.bounds[p.name], fit.values[p.name])
+        for p in effect.parameters
+        if p.refines and p.name not in free
+    ]
+    if not more:
+        return None
+    units = np.concatenate([fit.point, [variable.coordinate(variable.start) for variable in more]])
+    return problem.over(problem.recordings, [*problem.variables, *more], problem.corrections), units
 
 
 def begun_ends(fit: Fit) -> np.ndarray:

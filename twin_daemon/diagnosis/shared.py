@@ -206,7 +206,12 @@ class SharedSearch(SharedFit):
             return []
         best, *others = begun[:SHARED_FINALISTS]
         first = self._in_its_forms(best)
-        return [first, *concurrently(lambda forms: self._in_its_forms(forms, COMPARABLE * first[0].cost), others)]
+        every = [first, *concurrently(lambda forms: self._in_its_forms(forms, COMPARABLE * first[0].cost), others)]
+        best_fit = min((forms[0] for forms in every), key=lambda fit: fit.cost)
+        if self._at_every_floor(best_fit):
+            return every
+        near = COMPARABLE * best_fit.cost
+        return concurrently(lambda f: [self._in_detail(one) if one.cost <= near else one for one in f], every)
 
     def _in_its_forms(self, forms: Sequence[Begun], reach: float = np.inf) -> list[Begun]:
         """A cause fitted in each of its forms, the best first."""
@@ -277,7 +282,7 @@ class SharedSearch(SharedFit):
             by_group = [0.5 * (_least_cost(old) - _least_cost(new)) for (_, old), (_, new) in both]
             evidence = sum(by_group)
             # what some have, and others do better without, is theirs alone; where a load hangs all beneath it feel it,
-            # and that it is a point on a line is its form
+            # and that it is a point is its form
             of_its_form = REFINEMENT * evidence if cause.is_load else 0.0
             if min(by_group) < -(DECISIVE_NATS + of_its_form):
                 return None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
@@ -69,6 +69,8 @@ class Cause(ABC):
     def typical(self, name: str) -> float:
         """A step of a parameter that is certainly felt, in its unit."""
         parameter = self.parameter(name)
+        if parameter.refines:
+            return parameter.upper
         return 1.0 if parameter.neutral == 1.0 else parameter.default - parameter.neutral
 
     def estimates(
@@ -95,12 +97,13 @@ class Cause(ABC):
 class SharedCause(Cause):
     """An effect with one set of values for several groups, at all servos, at a link that they carry, or at the base.
 
-    Values that are `given` stay as they are.
+    Values that are `given` stay as they are; what refines the effect does so too, unless it is `refined`.
     """
 
     effect: Effect
     target: str
     given: Mapping[str, float] = field(default_factory=dict)
+    refined: bool = False
 
     @property
     def name(self) -> str:
@@ -120,10 +123,25 @@ class SharedCause(Cause):
     @property
     def amplitudes(self) -> tuple[str, ...]:
         if self.is_load:
-            names = tuple(parameter.name for parameter in self.effect.parameters)
+            names = tuple(p.name for p in self.effect.parameters if self.refined or not p.refines)
         else:
             names = (self.effect.everywhere,) if self.effect.everywhere else self.effect.presence
         return tuple(name for name in names if name not in self.given)
+
+    @property
+    def refining(self) -> tuple[str, ...]:
+        """The amplitudes that refine the effect."""
+        return tuple(name for name in self.amplitudes if self.parameter(name).refines)
+
+    def in_detail(self) -> SharedCause | None:
+        """The same cause with what refines its effect moved, too; None where nothing does or it is already."""
+        other = replace(self, refined=True)
+        return other if other.amplitudes != self.amplitudes else None
+
+    def possible(self, twin: TwinModel, values: Mapping[str, float]) -> bool:
+        """Whether what refines the effect is within where it is looked for at its place."""
+        bounds = self.effect.bounds(twin.scale(self.target)) if self.refining else {}
+        return all(bounds[name][0] <= values[name] <= bounds[name][1] for name in self.refining)
 
     def term(self, values: Mapping[str, float]) -> EffectTerm:
         return EffectTerm(effect=self.effect.key, target=self.target, values=self.accepted(values))

@@ -40,15 +40,16 @@ from twin_daemon.simulation.twin import TwinModel
 
 @dataclass(frozen=True)
 class Begun:
-    """A cause with values, and what all groups leave with it: rows (m,)."""
+    """A cause with values, and what all groups leave with it: rows (m,), and the price of what refines it."""
 
     cause: Cause
     values: dict[str, float]
     rows: np.ndarray
+    price: float = 0.0
 
     @property
     def cost(self) -> float:
-        return float(self.rows @ self.rows)
+        return float(self.rows @ self.rows) + self.price
 
     @property
     def scales(self) -> dict[str, float]:
@@ -161,7 +162,11 @@ class SharedFit:
     def at(self, cause: Cause, values: Mapping[str, float]) -> Begun:
         """A cause at known values."""
         complete = cause.accepted(values)
-        return Begun(cause, complete, self._rows(cause, complete))
+        return Begun(cause, complete, self._rows(cause, complete), self._price(cause))
+
+    def _price(self, cause: Cause) -> float:
+        """What it costs that a cause is refined, by the Bayesian information criterion."""
+        return sum(len(part.refining) for part in cause.parts) * float(np.log(self._floor_cost))
 
     def estimates(self, found: Begun, slopes: np.ndarray) -> dict[str, Estimate]:
         """A fitted cause's values with their intervals, from the slopes (m, q) of the rows."""
@@ -189,7 +194,7 @@ class SharedFit:
     def _at(self, cause: Cause, values: dict[str, float]) -> Begun | None:
         """A cause at some values; None where it cannot stand beside what the twin has."""
         with contextlib.suppress(BadInput):
-            return Begun(cause, values, self._rows(cause, values))
+            return Begun(cause, values, self._rows(cause, values), self._price(cause))
         return None
 
     def _projected(self, cause: Cause, along: Callable[[float], dict[str, float]], without: np.ndarray) -> list[Begun]:
@@ -241,6 +246,20 @@ class SharedFit:
                 break
             begun = self._moved(begun, slopes)
         return self._without_idle(begun, slopes), slopes
+
+    def _in_detail(self, found: Begun) -> Begun:
+        """A fitted cause with what refines it, where most groups feel it, one is above its floor and that pays."""
+        alone = found.cause.parts[0] if len(found.cause.parts) == 1 else None
+        finer = alone.in_detail() if alone else None
+        if alone is None or finer is None or not self._helps_most(found) or self._at_every_floor(found):
+            return found
+        again, _ = self.fitted(self.at(finer, found.values))
+        return again if again.cost < found.cost and finer.possible(self._twin, again.values) else found
+
+    def _at_every_floor(self, begun: Begun) -> bool:
+        """Whether a cause brings each of the groups to its floor."""
+        both = zip(self._groups, self._split(begun.rows), strict=True)
+        return all(float(left @ left) <= FLOOR_CHI_SQUARE * group.floor_cost for group, left in both)
 
     def _without_idle(self, begun: Begun, slopes: np.ndarray) -> Begun:
         """A cause with those values back at neutral that do nothing where they are, such as a limit never reached."""

@@ -124,8 +124,8 @@ class Scale:
     `kp` N m/rad of the actuator that drives it, `force_nm` its limit (or kp times 0.1 rad where it has none),
     `damping` N m s/rad, `frictionloss` N m, `inertia` kg m2 about the joint at rest with its `armature`, `lower` and
     `upper` rad the range of the joint or of the actuated quantity, `step_s` the model's time step, `kv` N m s/rad the
-    actuator's derivative gain. A model without damping or friction has what a servo of its kind would show: a tenth of
-    critical, a thousandth of its stiffness.
+    actuator's derivative gain, `length` m that of the joint's link. A model without damping or friction has what a
+    servo of its kind would show: a tenth of critical, a thousandth of its stiffness.
     """
 
     kp: float
@@ -138,6 +138,7 @@ class Scale:
     upper: float
     step_s: float
     kv: float = 0.0
+    length: float = 0.0
 
     @property
     def span(self) -> float:
@@ -207,7 +208,7 @@ class Seen:
 class Reach:
     """How far a value may be looked for at a place: so many times a quantity of its scale, in the value's unit."""
 
-    of: Literal["kp", "force_nm", "damping", "frictionloss", "inertia", "span"]
+    of: Literal["kp", "force_nm", "damping", "frictionloss", "inertia", "span", "length"]
     times: float
 
     def at(self, scale: Scale) -> float:
@@ -223,6 +224,7 @@ class Parameter:
     `held` says that fits stay near where it is set: it counts something, and an error has many hollows over it.
     `fixed` says that fits leave it as it is set: it says which of several laws it is.
     `place` says that it is the angle where something is: of half the strength the effect is at the same one.
+    `refines` says that fits leave it at neutral until the others are found, and move it where that is worth its price.
     """
 
     name: str
@@ -236,6 +238,7 @@ class Parameter:
     held: bool = False
     fixed: bool = False
     place: bool = False
+    refines: bool = False
     reach: Reach | None = None
 
     def bounds(self, scale: Scale) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""A load at the far end of a link: something held, a glove, a sensor that was added."""
+"""A load on a link, on its line to the next one or beside that: something held, a glove, a sensor that was added."""
 
 from __future__ import annotations
 
@@ -11,10 +11,28 @@ from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Sto
 
 _TINY = 1e-9  # kg: a body without mass would be another structure
 _GYRATION_M = 0.005  # the load's own radius of gyration
+_LENGTH = Reach("length", 1.0)
+
+
+def _square_to(line: np.ndarray) -> np.ndarray:
+    """(2, 3) two directions square to a line (3,) and to each other, right-handed with it.
+
+    The first is as near as it can be to the axis of the frame that the line is the least along.
+    """
+    length = float(np.linalg.norm(line))
+    along = line / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
+    nearest = np.eye(3)[int(np.argmin(np.abs(along)))]
+    first = nearest - (nearest @ along) * along
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(along, first)])
 
 
 class Payload(Effect):
-    """A point mass on the joint's link, where its next link begins or, on the last link, at its end."""
+    """A point mass on the joint's link: on the line to where its next link begins or, on the last link, to its end.
+
+    Most loads are near that line. How far one is beside it (`across_1`, `across_2`, see `_square_to`) is asked of the
+    data only where a load on the line leaves more than it should.
+    """
 
     key = "payload"
     title = "a load on the link"
@@ -24,6 +42,10 @@ class Payload(Effect):
     parameters = (
         Parameter("mass", "kg", 0.0, 5.0, 0.0, 0.05, "mass on the joint's link", reach=Reach("kp", 0.5)),
         Parameter("at", "1", 0.0, 1.5, 1.0, 1.0, "where on the link: 0 at the joint, 1 at its far end", held=True),
+        Parameter(
+            "across_1", "m", -0.05, 0.05, 0.0, 0.0, "how far beside the link's line", refines=True, reach=_LENGTH
+        ),
+        Parameter("across_2", "m", -0.05, 0.05, 0.0, 0.0, "and square to that", refines=True, reach=_LENGTH),
     )
     story = Story(
         what="Mass that the model does not have: it weighs and it resists acceleration.",
@@ -37,7 +59,9 @@ class Payload(Effect):
     def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:
         mass = values["mass"] + _TINY
         carrier = spec.body(place.end_body)
-        load = carrier.add_body(name=f"{place.joint}_payload", pos=values["at"] * np.array(place.end))
+        line = np.array(place.end)
+        at = values["at"] * line + np.array([values["across_1"], values["across_2"]]) @ _square_to(line)
+        load = carrier.add_body(name=f"{place.joint}_payload", pos=at)
         load.explicitinertial = True
         load.mass = mass
         load.ipos = np.zeros(3)  # not the default, which MuJoCo takes for "unknown" and would not save

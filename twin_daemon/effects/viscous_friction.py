@@ -53,7 +53,10 @@ class ViscousFriction(Effect):
         return (*late, *self.starts(scale))
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
-        return ({"damping": 0.5 * scale.damping}, {"damping": 2.0 * scale.damping}, {"damping": -0.5 * scale.damping})
+        # a servo's own derivative gain damps as well: what adds little to both does not show
+        damped = scale.damping + scale.kv
+        more = dict.fromkeys((0.5 * scale.damping, 0.5 * damped, 2.0 * damped))
+        return (*({"damping": value} for value in more), {"damping": -0.5 * scale.damping})
 
     def starts_everywhere(self) -> tuple[dict[str, float], ...]:
         return ({"damping": 0.0, "share": 3.0}, {"damping": 0.0, "share": -0.7})

@@ -262,6 +262,7 @@ class TwinModel:
             upper=float(high),
             step_s=float(model.opt.timestep),
             kv=float(max(-model.actuator_biasprm[actuator, 2], 0.0)) if actuator is not None else 0.0,
+            length=float(np.linalg.norm(place.end)),
         )
 
     # -- parameters ----------------------------------------------------------------------------------------
