@@ -12,6 +12,7 @@ from twin_daemon.changes.diagnosed import as_change
 from twin_daemon.changes.group_search import GroupFound
 from twin_daemon.changes.quantities import Quantity, term_of
 from twin_daemon.changes.thresholds import AS_GOOD_AS_NONE, BLOCK_SAMPLES, LEFT_OVER, NAMED, POSSIBLE
+from twin_daemon.diagnosis.left_out import not_answering
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding, PartSummary, VerdictName
 from twin_daemon.effects import LIBRARY
 from twin_daemon.estimation.estimate import Estimate
@@ -25,12 +26,14 @@ def conclude(
     told: Sequence[Diagnosis],
     now: Sequence[Aligned],
     touching: Sequence[str],
+    unanswering: Sequence[str],
     seed: int,
     interrupted: bool,
 ) -> Since:
     """The verdict of all groups, with every change as a finding under the effect that it stands for.
 
-    `told` are diagnoses of the groups that are not among `found`.
+    `told` are diagnoses of the groups that are not among `found`. Joints that are `unanswering` stand still now,
+    although they are told to move.
     """
     first_seen = _utc(min(int(r.recording.stamp_ns[0]) for r in now))
     pairs = [(group, index) for group in found for index in group.changed]
@@ -85,7 +88,10 @@ def conclude(
         unchanged=unchanged,
         undetectable=undetectable,
         interrupted=interrupted,
-        notes=tuple(f"{name}: too little motion clear of contacts in both sessions" for name in touching),
+        notes=(
+            *(f"{name}: too little motion clear of contacts in both sessions" for name in touching),
+            *([not_answering(unanswering)] if unanswering else ()),
+        ),
     )
 
 

@@ -10,15 +10,26 @@ from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.estimation.thresholds import CONTACT_MARGIN_M
 
 
+def not_answering(joints: Sequence[str]) -> str:
+    """What joints that are told to move and stand still may have, in words."""
+    return (
+        f"{', '.join(joints)}: told to move, and still all the time; a servo without torque, a torn tendon, a jammed "
+        "gear and a dead sensor look alike in position: look at the joint itself"
+    )
+
+
 @dataclass
 class LeftOut:
     """Groups that touch something nearly all the time, with their joints; the share of motion that was left out of
     others by group; and groups at which only motion near something else showed an error.
+
+    Joints that are `unanswering` stand still although they are told to move.
     """
 
     touching: dict[str, tuple[str, ...]] = field(default_factory=dict)
     shares: Mapping[str, float] = field(default_factory=dict)
     near: Sequence[str] = ()
+    unanswering: Sequence[str] = ()
 
     def cut(self, reduction: Reduction, groups: Sequence[Reduced]) -> None:
         """Notes how much of the motion of groups a reduction leaves out."""
@@ -30,6 +41,7 @@ class LeftOut:
             {name: own for name, own in self.touching.items() if not set(own).isdisjoint(joints)},
             {name: share for name, share in self.shares.items() if name in groups},
             [name for name in self.near if name in groups],
+            [name for name in self.unanswering if name in joints],
         )
 
     def far_off(self, rms_rad: Mapping[str, float], judged: Collection[str]) -> dict[str, float]:
@@ -49,4 +61,6 @@ class LeftOut:
                 f"{', '.join(self.near)}: seen only while less than {1e3 * CONTACT_MARGIN_M:.0f} mm from another part, "
                 "by the model's shapes; a touch that they do not show would look like it"
             )
+        if self.unanswering:
+            notes.append(not_answering(self.unanswering))
         return tuple(notes)

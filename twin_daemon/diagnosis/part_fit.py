@@ -14,6 +14,7 @@ from twin_daemon.diagnosis.full_fit import fitted_to_the_end
 from twin_daemon.diagnosis.in_turn import by_motion, fitted_too
 from twin_daemon.diagnosis.thresholds import (
     ADEQUATE_FLOORS,
+    ASTRAY_FLOORS,
     CLOSER_LOOK,
     COARSER_STEPS,
     DECISIVE_NATS,
@@ -116,7 +117,8 @@ class PartFit:
             found = self._where_the_step_errs(self._settled(problem.start, None))
             problem = self.problem
             if not self._is_within_floor(found.point, found.rows):
-                found = self._along_delays(found)
+                found = self._put_back(self._along_delays(found))
+                problem = self.problem
             return as_fit(None, problem, self._no_further_than_needed(found))
         found = self._settled(problem.start_from(after.nuisances), self._taken_over(after))
         if not self._is_within_floor(found.point, found.rows):
@@ -124,16 +126,16 @@ class PartFit:
             found = min(found, again, key=lambda one: float(one.rows @ one.rows))
         return as_fit(None, problem, found)
 
-    def _where_the_step_errs(self, found: Descent) -> Descent:
+    def _where_the_step_errs(self, found: Descent, most: float = ADEQUATE_FLOORS) -> Descent:
         """The nuisances settled with the time step's error as it is where they have come to.
 
-        Joints that stick go through hollows as deep as that error: it may be another one after each step. Where far
-        more than a floor is left, it is not what keeps the nuisances from it.
+        Joints that stick go through hollows as deep as that error: it may be another one after each step. Where more
+        than `most` floors are left, it is not what keeps the nuisances from it.
         """
         for again in range(STEP_ERROR_ROUNDS):
             if self._enough and self._enough(found.point, found.rows):
                 break
-            if again and (self.problem.times_floor(found.point) > ADEQUATE_FLOORS).any():
+            if again and (self.problem.times_floor(found.point) > most).any():
                 break
             cost = float(found.rows @ found.rows)
             self.corrections = self.problem.corrections_at(found.point)
@@ -173,6 +175,34 @@ class PartFit:
                 break
             found = other
         return found
+
+    def _put_back(self, found: Descent) -> Descent:
+        """The nuisances settled once more with one that is too far off where it began, if that ends better.
+
+        On the way from nominal values one may go far for another that has not come as far yet, and roll-outs that are
+        rough, such as those of a servo at its limit, keep it there. Where much more than a floor is left something else
+        is missing.
+        """
+        while (self.problem.times_floor(found.point) <= ASTRAY_FLOORS).all():
+            known = self.problem, found, self._cost_of(found)
+            off = np.flatnonzero(np.abs(self.problem.prior_residuals(found.point[None])[0]) > DEVIATING_SIGMA)
+            ends = []
+            for index in off:
+                point = found.point.copy()
+                point[index] = self.problem.start[index]
+                self.problem = known[0].corrected(known[0].corrections_at(point))
+                end = self._where_the_step_errs(self._settled(point, None), ASTRAY_FLOORS)
+                ends.append((self.problem, end, self._cost_of(end)))
+            best = min(ends, key=lambda end: end[2], default=known)
+            better = best[2] < known[2] - 2.0 * DECISIVE_NATS
+            self.problem, found, _ = best if better else known
+            self.corrections = self.problem.corrections
+            if not better:
+                break
+        return found
+
+    def _cost_of(self, found: Descent) -> float:
+        return float(found.rows @ found.rows) + self.problem.uncertainty_cost
 
     def _no_further_than_needed(self, found: Descent) -> Descent:
         """The same fit within a nat with no nuisance further off than one may be, where they are hardly further.

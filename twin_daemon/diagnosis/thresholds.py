@@ -167,6 +167,9 @@ TOO_WEAK = Threshold(
 
 # -- held-out validation -------------------------------------------------------------------------------------
 
+ASTRAY_FLOORS = Threshold(
+    100.0, "floors", "that uncertain values which have lost their way may leave: they are put back and fitted again"
+)
 ADEQUATE_FLOORS = Threshold(3.0, "floors", "held-out mean square up to which a model is right: wrong effects leave 9")
 RELATIVE_ERROR = Threshold(
     0.02,

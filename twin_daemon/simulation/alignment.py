@@ -19,6 +19,7 @@ from twin_daemon.simulation.turns import Turns
 from twin_daemon.simulation.twin import TwinModel
 
 MOVING_RAD = 0.05
+TOLD_TIMES = 2.0  # as far: a joint that is told to go that far and stays where it is does not answer
 """A joint moves where its measured travel exceeds this; stiller ones say nothing about a model."""
 
 _SETTLE_S = 0.04  # the first samples, from which the starting velocity is read
@@ -110,6 +111,25 @@ def moving_joints(recordings: Sequence[Aligned]) -> tuple[str, ...]:
         return ()
     moving = np.any([r.moving for r in recordings], axis=0)
     return tuple(name for name, moves in zip(recordings[0].joints, moving, strict=True) if moves)
+
+
+def unanswering_joints(twin: TwinModel, recordings: Sequence[Aligned]) -> tuple[str, ...]:
+    """The joints that stand still in all of the recordings although their servo is told to go elsewhere, in order.
+
+    A servo that moves any of its joints answers.
+    """
+    moving = np.isin(twin.joints, moving_joints(recordings))
+    found = set[str]()
+    for recording in recordings:
+        told = recording.controls(twin, recording.time_s)
+        low, high = twin.model.actuator_ctrlrange.T
+        told = np.where(twin.model.actuator_ctrllimited.astype(bool), np.clip(told, low, high), told)
+        for index, driven in enumerate(twin.driven):
+            own = np.isin(twin.joints, driven)
+            seen = own & np.isfinite(recording.measured).any(axis=0)
+            if seen.any() and not (own & moving).any() and _travel(told[:, index]) > TOLD_TIMES * MOVING_RAD:
+                found |= {name for name, one in zip(twin.joints, seen, strict=True) if one}
+    return tuple(name for name in twin.joints if name in found)
 
 
 def _travel(values: np.ndarray) -> float:

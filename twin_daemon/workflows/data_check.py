@@ -50,9 +50,10 @@ def checked(session: Session, aligned: Sequence[Aligned], space: str) -> dict[st
 def quality(session: Session, aligned: Aligned) -> dict[str, Any]:
     """One recording's data, in numbers and in words."""
     from twin_daemon.calibration.check import saturated_joints
+    from twin_daemon.simulation.alignment import unanswering_joints
 
     recording = aligned.recording
-    saturated = saturated_joints(session.twin, aligned)
+    saturated, unanswering = saturated_joints(session.twin, aligned), unanswering_joints(session.twin, [aligned])
     still = [name for name, moves in zip(aligned.joints, aligned.moving, strict=True) if not moves]
     absent = [name for name in session.twin.joints if name not in recording.joints]
     return {
@@ -67,11 +68,14 @@ def quality(session: Session, aligned: Aligned) -> dict[str, Any]:
         "still_joints": still,
         "absent_joints": absent,
         "saturated_commands": saturated,
-        "warnings": _warnings(aligned, saturated),
+        "unanswering_joints": list(unanswering),
+        "warnings": _warnings(aligned, saturated, unanswering),
     }
 
 
-def _warnings(aligned: Aligned, saturated: list[str]) -> list[str]:
+def _warnings(aligned: Aligned, saturated: Sequence[str], unanswering: Sequence[str]) -> list[str]:
+    from twin_daemon.diagnosis.left_out import not_answering
+
     recording = aligned.recording
     out = []
     if not aligned.moving.any():
@@ -80,6 +84,8 @@ def _warnings(aligned: Aligned, saturated: list[str]) -> list[str]:
         out.append("no commands recorded: the onset is estimated, and a delay cannot be told from it")
     if saturated:
         out.append(f"commands beyond the actuators' range: {', '.join(saturated)}")
+    if unanswering:
+        out.append(not_answering(unanswering))
     if recording.duration_s < 3.0:
         out.append(f"only {recording.duration_s:.1f} s long: too short to hold a part of it out")
     dropped = sum(recording.quality.dropped.values())
