@@ -57,3 +57,10 @@ def test_one_that_has_answered_before_has_changed(dead: tuple[str, str, str], tm
     assert said["verdict"] in ("explained", "ambiguous", "unexplained")
     assert {joint for change in said["changes"] for joint in change["joints"]} == {"left"}
     assert any("left: told to move" in note for note in said["notes"])
+
+
+def test_what_was_named_there_can_be_added(dead: tuple[str, str, str], tmp_path: Path) -> None:
+    model, fit, held = dead
+    asked = ("add", "actuator_saturation", "--joint", "left", "--model", model, "--recording", fit, "--holdout", held)
+    said = called(*asked, result=tmp_path / "added.json")
+    assert said["parameters"]["actuator_saturation:left.limit"]["value"] < 0.01

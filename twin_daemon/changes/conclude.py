@@ -12,13 +12,12 @@ from twin_daemon.changes.diagnosed import as_change
 from twin_daemon.changes.group_search import GroupFound
 from twin_daemon.changes.quantities import Quantity, term_of
 from twin_daemon.changes.thresholds import AS_GOOD_AS_NONE, BLOCK_SAMPLES, LEFT_OVER, NAMED, POSSIBLE
-from twin_daemon.diagnosis.left_out import not_answering
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding, PartSummary, VerdictName
 from twin_daemon.effects import LIBRARY
 from twin_daemon.estimation.estimate import Estimate
 from twin_daemon.estimation.thresholds import RELATIVE_FLOOR, Z95
 from twin_daemon.estimation.uncertainty import block_gain
-from twin_daemon.simulation.alignment import Aligned
+from twin_daemon.simulation.alignment import Aligned, not_answering
 
 
 def conclude(

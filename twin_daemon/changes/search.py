@@ -16,7 +16,7 @@ from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.executor import in_order, side_by_side
 from twin_daemon.processes import Say
 from twin_daemon.processor_time import OutOfTime, TimeLimit
-from twin_daemon.simulation.alignment import Aligned, moving_joints, unanswering_joints
+from twin_daemon.simulation.alignment import Aligned, judged_joints, moving_joints, unanswering_joints
 from twin_daemon.simulation.submodel import drive_groups
 from twin_daemon.simulation.twin import TwinModel
 
@@ -41,9 +41,7 @@ def changes_since(
     end the search; what has been found until then is in the answer.
     """
     limit, say = limit or TimeLimit(), stream or (lambda _: None)
-    unanswering = unanswering_joints(twin, now)
-    judged = {*moving_joints(now), *unanswering}
-    moving = [name for name in twin.joints if name in judged and (not joints or name in joints)]
+    moving = [name for name in judged_joints(twin, now) if not joints or name in joints]
     if baseline:
         moved = moving_joints(baseline)
         moving = [name for name in moving if name in moved]
@@ -100,7 +98,7 @@ def changes_since(
         interrupted = True
     order = list(twin.joints)
     found.sort(key=lambda one: order.index(one.joints[0]))
-    unanswering = [name for name in unanswering if name in moving]
+    unanswering = [name for name in unanswering_joints(twin, now) if name in moving]
     return conclude(found, told, now, touching, unanswering, seed, interrupted)
 
 

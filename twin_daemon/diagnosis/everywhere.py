@@ -53,7 +53,9 @@ def of_all(
     causes = shared_causes(twin, joints, everywhere=True)
     of_robot, search = [cause for cause in causes if cause.target == ROBOT], search.only(chosen)
     found = search.best(of_robot, seed, most_left=OF_ALL_LEFT)
-    loads = [cause for cause in causes if cause.is_load and found and found.finding.effect in cause.effect.confusable]
+    if found is None:
+        return None
+    loads = [cause for cause in causes if cause.is_load and found.finding.effect in cause.effect.confusable]
     if loads:
         found = search.best([*of_robot, *loads], seed, most_left=OF_ALL_LEFT)
     return _said(found, len(above), say) if found and found.finding.target == ROBOT else None

@@ -22,8 +22,9 @@ def fitted_to_the_end(
     With the time step's error taken where it has come to; once more from where that is, if it has gone far, or to the
     end of what is near; and once more with what may only have made up for other values on the way put back: what began
     at an end of its range, where a law is simpler, what has come to an end of it, where another law begins at the
-    other, and nuisances that are far off. What is put back has to be better on some of the motion first. In the end
-    all derivatives are taken anew.
+    other, and nuisances that are far off. What is put back has to be better on some of the motion first. What refines
+    the effect is then moved where that pays the price of its values (Bayesian information criterion). In the end all
+    derivatives are taken anew.
     """
     fit = _descended(hypothesis, problem, point, evaluations)
     while (begins := box_moved(fit)) is not None:

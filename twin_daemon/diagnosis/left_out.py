@@ -8,14 +8,7 @@ from dataclasses import dataclass, field
 from twin_daemon.diagnosis.thresholds import FAR_BEYOND_OTHERS, MUCH_TOUCHED
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.estimation.thresholds import CONTACT_MARGIN_M
-
-
-def not_answering(joints: Sequence[str]) -> str:
-    """What joints that are told to move and stand still may have, in words."""
-    return (
-        f"{', '.join(joints)}: told to move, and still all the time; a servo without torque, a torn tendon, a jammed "
-        "gear and a dead sensor look alike in position: look at the joint itself"
-    )
+from twin_daemon.simulation.alignment import not_answering
 
 
 @dataclass

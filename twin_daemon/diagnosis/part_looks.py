@@ -13,7 +13,7 @@ from twin_daemon.executor import places, side_by_side
 from twin_daemon.places import ROBOT
 from twin_daemon.processes import Say
 from twin_daemon.processor_time import TimeLimit
-from twin_daemon.simulation.alignment import Aligned, moving_joints
+from twin_daemon.simulation.alignment import Aligned, judged_joints
 from twin_daemon.simulation.submodel import parts
 from twin_daemon.simulation.twin import TwinModel
 
@@ -54,7 +54,7 @@ class PartLooks:
 
         All are looked at as one before each is searched. Raises KeyboardInterrupt where that was interrupted.
         """
-        moving = moving_joints(self._train)
+        moving = judged_joints(twin, self._train)
         cut = {part.name: own for part in parts(twin) if (own := [n for n in part.joints if n in moving])}
         asked = [name for name in cut if only is None or name in only]
         whole = self._looked_at(twin, moving, self._say) if 1 < len(asked) == len(cut) else None

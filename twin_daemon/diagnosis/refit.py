@@ -23,7 +23,7 @@ from twin_daemon.estimation.uncertainty import Estimate
 from twin_daemon.estimation.windows import segments
 from twin_daemon.executor import concurrently
 from twin_daemon.places import HAND, ROBOT
-from twin_daemon.simulation.alignment import Aligned, moving_joints
+from twin_daemon.simulation.alignment import Aligned, judged_joints
 from twin_daemon.simulation.submodel import Part, drive_groups, parts
 from twin_daemon.simulation.terms import EffectTerm
 from twin_daemon.simulation.twin import TwinModel
@@ -61,7 +61,7 @@ def refit_effect(
     """
     if ROBOT in targets:
         return refit_shared(twin, recordings, effect, given, start=start)
-    moving = set(moving_joints(recordings))
+    moving = set(judged_joints(twin, recordings))
     reduction = with_uncertain_links(twin, Reduction(twin, recordings, ()))
     terms: list[EffectTerm] = []
     values: dict[str, Estimate] = {}
@@ -98,7 +98,7 @@ def refit_shared(
 
     The model's own parameters of each group are then fitted beside it. Raises BadInput where nothing moves.
     """
-    moving = set(moving_joints(recordings))
+    moving = set(judged_joints(twin, recordings))
     driven = [n for n in twin.joints_of(ROBOT) if n in moving]
     if not driven:
         raise _does_not_move([ROBOT], effect)
@@ -142,7 +142,7 @@ def _touches_all_the_time(name: str) -> BadInput:
 
 def refit_parameters(twin: TwinModel, recordings: Sequence[Aligned]) -> dict[str, float]:
     """What the model's own parameters come to under their priors, without any new effect: absolute, by name."""
-    moving = set(moving_joints(recordings))
+    moving = set(judged_joints(twin, recordings))
     reduction = Reduction(twin, recordings, ())
     parameters: dict[str, float] = {}
     for part in parts(twin):

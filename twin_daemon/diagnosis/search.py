@@ -27,7 +27,7 @@ from twin_daemon.executor import concurrently
 from twin_daemon.places import ROBOT
 from twin_daemon.processes import Say
 from twin_daemon.processor_time import OutOfTime, TimeLimit
-from twin_daemon.simulation.alignment import Aligned, moving_joints, unanswering_joints
+from twin_daemon.simulation.alignment import Aligned, judged_joints, unanswering_joints
 from twin_daemon.simulation.submodel import Part, drive_groups
 from twin_daemon.simulation.terms import EffectTerm
 from twin_daemon.simulation.twin import TwinModel
@@ -72,14 +72,13 @@ class Search:
     ) -> None:
         self._twin, self._train, self._holdout = twin, train, holdout
         self._seed, self._say, self._limit = seed, say, limit
-        unanswering = unanswering_joints(twin, train)
-        judged = {*moving_joints(train), *unanswering}
-        self._asked, self._moving = joints, [n for n in twin.joints if n in judged and (not joints or n in joints)]
+        self._asked = joints
+        self._moving = [name for name in judged_joints(twin, train) if not joints or name in joints]
         self.findings: list[Finding] = []
         self._interrupted = False
         self._causes: list[Mapping[str, float]] = []
         self._outcomes: list[Outcome] = []
-        self._left_out = LeftOut(unanswering=[name for name in unanswering if name in self._moving])
+        self._left_out = LeftOut(unanswering=[name for name in unanswering_joints(twin, train) if name in self._moving])
         self._groups: list[Reduced] = []
         self._looked_at: list[tuple[Reduced, PartFit]] = []
         self._elsewhere: list[tuple[Reduced, PartFit]] = []  # of all that was looked at what is not asked any more

@@ -59,6 +59,10 @@ class Cause(ABC):
     @abstractmethod
     def parameter(self, name: str) -> Parameter: ...
 
+    def in_detail(self) -> SharedCause | None:
+        """The same cause with what refines its effect moved, too; None where nothing does or it is already."""
+        return None
+
     def terms(self, twin: TwinModel, values: Mapping[str, float]) -> Terms:
         """The twin's terms with this cause."""
         terms = twin.terms
@@ -134,7 +138,6 @@ class SharedCause(Cause):
         return tuple(name for name in self.amplitudes if self.parameter(name).refines)
 
     def in_detail(self) -> SharedCause | None:
-        """The same cause with what refines its effect moved, too; None where nothing does or it is already."""
         other = replace(self, refined=True)
         return other if other.amplitudes != self.amplitudes else None
 

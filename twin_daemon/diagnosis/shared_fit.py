@@ -194,7 +194,7 @@ class SharedFit:
     def _at(self, cause: Cause, values: dict[str, float]) -> Begun | None:
         """A cause at some values; None where it cannot stand beside what the twin has."""
         with contextlib.suppress(BadInput):
-            return Begun(cause, values, self._rows(cause, values), self._price(cause))
+            return self.at(cause, values)
         return None
 
     def _projected(self, cause: Cause, along: Callable[[float], dict[str, float]], without: np.ndarray) -> list[Begun]:
@@ -249,9 +249,8 @@ class SharedFit:
 
     def _in_detail(self, found: Begun) -> Begun:
         """A fitted cause with what refines it, where most groups feel it, one is above its floor and that pays."""
-        alone = found.cause.parts[0] if len(found.cause.parts) == 1 else None
-        finer = alone.in_detail() if alone else None
-        if alone is None or finer is None or not self._helps_most(found) or self._at_every_floor(found):
+        finer = found.cause.in_detail()
+        if finer is None or not self._helps_most(found) or self._at_every_floor(found):
             return found
         again, _ = self.fitted(self.at(finer, found.values))
         return again if again.cost < found.cost and finer.possible(self._twin, again.values) else found

@@ -39,6 +39,11 @@ LEAST_RACING = Count(5, "candidates", "that a race leaves, fitted until they hav
 FULL_FIT_ROLLOUTS = Count(12, "roll-outs", "of a finalist's fit on all motion beside those of its derivatives")
 NUISANCE_ROLLOUTS = Count(12, "roll-outs", "of a round of the nuisances beside those of its derivatives")
 STEP_ERROR_ROUNDS = Count(3, "times", "a group's values are settled with the time step's error where they have come to")
+ASTRAY_FLOORS = Threshold(
+    100.0,
+    "floors",
+    "that uncertain values which have lost their way may leave, and are then put back: 11 to 25 did",
+)
 SETTLED = Threshold(0.95, "1", "of the cost before: a round that gains less is the last")
 GONE_FAR = Threshold(0.8, "1", "of its first cost: a descent that has come below it is taken up again")
 ELSEWHERE_STEPS = Count(
@@ -167,9 +172,6 @@ TOO_WEAK = Threshold(
 
 # -- held-out validation -------------------------------------------------------------------------------------
 
-ASTRAY_FLOORS = Threshold(
-    100.0, "floors", "that uncertain values which have lost their way may leave: they are put back and fitted again"
-)
 ADEQUATE_FLOORS = Threshold(3.0, "floors", "held-out mean square up to which a model is right: wrong effects leave 9")
 RELATIVE_ERROR = Threshold(
     0.02,

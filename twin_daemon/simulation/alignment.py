@@ -19,8 +19,9 @@ from twin_daemon.simulation.turns import Turns
 from twin_daemon.simulation.twin import TwinModel
 
 MOVING_RAD = 0.05
-TOLD_TIMES = 2.0  # as far: a joint that is told to go that far and stays where it is does not answer
 """A joint moves where its measured travel exceeds this; stiller ones say nothing about a model."""
+
+_TOLD_TIMES = 2.0  # as far: a joint that is told to go that far and stays where it is does not answer
 
 _SETTLE_S = 0.04  # the first samples, from which the starting velocity is read
 _FEWEST = 4  # of these samples: as many as a line needs that says how far it is off
@@ -127,9 +128,23 @@ def unanswering_joints(twin: TwinModel, recordings: Sequence[Aligned]) -> tuple[
         for index, driven in enumerate(twin.driven):
             own = np.isin(twin.joints, driven)
             seen = own & np.isfinite(recording.measured).any(axis=0)
-            if seen.any() and not (own & moving).any() and _travel(told[:, index]) > TOLD_TIMES * MOVING_RAD:
+            if seen.any() and not (own & moving).any() and _travel(told[:, index]) > _TOLD_TIMES * MOVING_RAD:
                 found |= {name for name, one in zip(twin.joints, seen, strict=True) if one}
     return tuple(name for name in twin.joints if name in found)
+
+
+def judged_joints(twin: TwinModel, recordings: Sequence[Aligned]) -> tuple[str, ...]:
+    """The joints that say something of a model: those that move, and those that are told to and do not, in order."""
+    found = {*moving_joints(recordings), *unanswering_joints(twin, recordings)}
+    return tuple(name for name in twin.joints if name in found)
+
+
+def not_answering(joints: Sequence[str]) -> str:
+    """What joints that are told to move and stand still may have, in words."""
+    return (
+        f"{', '.join(joints)}: told to move, and still all the time; a servo without torque, a torn tendon, a jammed "
+        "gear and a dead sensor look alike in position: look at the joint itself"
+    )
 
 
 def _travel(values: np.ndarray) -> float:

@@ -74,7 +74,7 @@ def quality(session: Session, aligned: Aligned) -> dict[str, Any]:
 
 
 def _warnings(aligned: Aligned, saturated: Sequence[str], unanswering: Sequence[str]) -> list[str]:
-    from twin_daemon.diagnosis.left_out import not_answering
+    from twin_daemon.simulation.alignment import not_answering
 
     recording = aligned.recording
     out = []
