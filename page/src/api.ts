@@ -59,7 +59,7 @@ export async function post<T = any>(path: string, body: object = {}): Promise<T>
   return (await answered(path, { method: "POST", headers, body: JSON.stringify(body) })).json();
 }
 
-export async function send<T = any>(path: string, body: Blob, signal?: AbortSignal): Promise<T> {
+export async function send<T = any>(path: string, body: ArrayBuffer, signal?: AbortSignal): Promise<T> {
   const headers = { "Content-Type": "application/octet-stream", ...token() };
   return (await answered(path, { method: "POST", headers, body, signal })).json();
 }

@@ -10,6 +10,7 @@ const cancel = made("button", { type: "button", className: "plain" }, "Cancel");
 export const progress = made("p", { id: "upload", className: "upload", role: "status", hidden: true }, words, share, cancel);
 export const zone = made("button", { type: "button", id: "drop", className: "drop" }, "Drop a bag, MCAP or CSV");
 const veil = made("div", { id: "veil", hidden: true }, made("p", {}, "Drop it: it is sent in pieces, screened and shown"));
+const AT_ONCE = 2; // pieces: one is sent while the server writes the one before
 let request: AbortController | null = null;
 
 export const chooseFile = () => {
@@ -26,11 +27,17 @@ async function upload(one: File): Promise<void> {
   try {
     const begun = await post("/api/upload/begin", { name: one.name, bytes: one.size });
     ({ id } = begun);
-    for (let at = 0; at < one.size;) {
+    const { signal } = request, flying: Promise<unknown>[] = [];
+    for (let at = 0; at < one.size; at += begun.piece_bytes) {
+      const body = await one.slice(at, at + begun.piece_bytes).arrayBuffer(); // read while others are on their way
+      if (flying.length >= AT_ONCE) await flying.shift();
       put(words, `${one.name}: ${size(at)} of ${size(one.size)} `);
       share.value = at / one.size;
-      at = (await send(`/api/upload/piece?${new URLSearchParams({ id, offset: String(at) })}`, one.slice(at, at + begun.piece_bytes), request.signal)).has;
+      const sent = send(`/api/upload/piece?${new URLSearchParams({ id, offset: String(at) })}`, body, signal);
+      sent.catch(() => undefined); // it is said where it is waited for
+      flying.push(sent);
     }
+    await Promise.all(flying);
     put(words, `${one.name} has arrived and is being read `);
     share.value = 1;
     const found = await post("/api/upload/end", { id });

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from pathlib import Path
 from zlib import crc32
 
@@ -209,3 +210,43 @@ def test_chunks_that_overlap_in_time_are_read_in_the_order_of_receiving(tmp_path
     recording = load_recording(tmp_path / "r.mcap")
     assert recording.quality.dropped == {}
     assert len(recording.stamp_ns) == 300
+
+
+def indexed_falsely(content: bytes, entry: Callable[[int, int], int], kind: int = 7) -> bytes:
+    """The file with what its indexes say of each message's place put through `entry` (number, place), or with the
+    indexes under another kind of record. No checksum is over them."""
+    changed = bytearray(content)
+    for at, found, body in records(content):
+        if found == 7:
+            changed[at] = kind
+            for number, here in enumerate(range(6, len(body), 16)):
+                (place,) = struct.unpack_from("<Q", body, here + 8)
+                struct.pack_into("<Q", changed, at + 9 + here + 8, entry(number, place))
+    return bytes(changed)
+
+
+@pytest.mark.parametrize(
+    ("entry", "kind"),
+    [
+        (lambda number, place: 0, 7),
+        (lambda number, place: place if number else 2**63 + place, 7),
+        (lambda number, place: place + 1, 7),
+        (lambda number, place: place if number % 2 else 2**40, 7),
+        (lambda number, place: place, 0x7F),
+    ],
+    ids=["all the first", "beyond any file", "one byte late", "half of them far away", "of no known kind"],
+)
+def test_an_index_that_does_not_fit_hides_no_message_and_makes_none(
+    tmp_path: Path, entry: Callable[[int, int], int], kind: int
+) -> None:
+    with StreamWriter(tmp_path / "r.mcap") as writer:
+        fill(writer, 300)
+    whole = load_recording(tmp_path / "r.mcap")
+    content = (tmp_path / "r.mcap").read_bytes()
+    (tmp_path / "false.mcap").write_bytes(indexed_falsely(content, entry, kind))
+    found = load_recording(tmp_path / "false.mcap")
+    np.testing.assert_array_equal(found.stamp_ns, whole.stamp_ns)
+    np.testing.assert_array_equal(found.position, whole.position)
+    assert found.commands is not None
+    assert whole.commands is not None
+    np.testing.assert_array_equal(found.commands.position, whole.commands.position)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
+import socket
+import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -90,7 +94,11 @@ def test_what_was_screened_is_not_read_again_until_the_file_is_another_one(bag: 
     hand = load_hand()
     cache = ModelCache(hand, VersionStore(hand.name))
     (arrived := tmp_path / "7f-run.mcap").write_bytes(bag)
-    aligned, told, offered = cache.screen(arrived), arrived.stat(), tmp_path / "run.mcap"
+    aligned, told, offered = (
+        cache.screen(arrived, hashlib.sha256(bag).hexdigest()),
+        arrived.stat(),
+        tmp_path / "run.mcap",
+    )
     offered.write_bytes(bytes(len(bag)))  # so that reading it would be seen
     os.utime(offered, ns=(told.st_atime_ns, told.st_mtime_ns))
     cache.adopt(aligned, offered, told)
@@ -119,12 +127,50 @@ def test_pieces_come_in_order_and_no_more_than_was_announced(served: Workbench, 
     assert piece(served, number, 0, bag[:10])[1] == {"has": 10}
     assert piece(served, number, 0, bag[:10])[0] == 400, "the same again"
     assert piece(served, number, 10, bag[10:] + b"more")[0] == 400
-    assert piece(served, number, 10, bytes(4 * 1024 * 1024 + 1))[0] == 400
+    assert piece(served, number, 10, bytes(16 * 1024 * 1024 + 1))[0] == 400
     assert "Send the rest" in served.ask("/api/upload/end", {"id": number})[1]["error"]
     assert piece(served, "../../etc/passwd", 0, b"x")[0] == 400
     assert served.ask("/api/upload/cancel", {"id": number}) == (200, {})
     assert piece(served, number, 10, bag[10:20])[0] == 400
     assert list((folder / ".uploads").iterdir()) == []
+
+
+def test_a_piece_waits_for_the_one_before_it_that_is_still_on_its_way(
+    served: Workbench, folder: Path, bag: bytes
+) -> None:
+    number = begun(served, "beside.mcap", len(bag))
+    head = (
+        f"POST /api/upload/piece?id={number}&offset=0 HTTP/1.1\r\nHost: {served.host}\r\n"
+        f"X-Twin-Token: {served.token}\r\nContent-Length: {PIECE}\r\nConnection: close\r\n\r\n"
+    )
+    place, _, port = served.host.partition(":")
+    with socket.create_connection((place, int(port)), timeout=60) as first, ThreadPoolExecutor(1) as beside:
+        first.sendall(head.encode() + bag[:1000])
+        time.sleep(0.2)  # until the server has heard of it
+        second = beside.submit(piece, served, number, PIECE, bag[PIECE:])
+        with pytest.raises(TimeoutError):
+            second.result(0.5)
+        first.sendall(bag[1000:PIECE])
+        assert first.makefile("rb").readline().split()[1] == b"200"
+        assert second.result(60) == (200, {"has": len(bag)})
+    assert served.ask("/api/upload/end", {"id": number})[1]["name"] == "beside.mcap"
+    assert (folder / "beside.mcap").read_bytes() == bag
+
+
+def test_a_piece_does_not_wait_for_one_that_is_lost(served: Workbench, bag: bytes) -> None:
+    number = begun(served, "lost.mcap", len(bag))
+    head = f"POST /api/upload/piece?id={number}&offset=0 HTTP/1.1\r\nHost: {served.host}\r\n"
+    place, _, port = served.host.partition(":")
+    with ThreadPoolExecutor(1) as beside:
+        with socket.create_connection((place, int(port)), timeout=60) as first:
+            first.sendall(f"{head}X-Twin-Token: {served.token}\r\nContent-Length: {PIECE}\r\n\r\n".encode())
+            time.sleep(0.2)
+            second = beside.submit(piece, served, number, PIECE, bag[PIECE:])
+            with pytest.raises(TimeoutError):
+                second.result(0.5)
+        status, answer = second.result(20)
+    assert (status, "begins at byte" in answer["error"]) == (400, True)
+    assert served.ask("/api/upload/cancel", {"id": number}) == (200, {})
 
 
 def test_names_sizes_and_numbers_are_bounded(served: Workbench) -> None:

@@ -21,7 +21,9 @@ class Batch:
 
     def of(self, connections: Collection[int]) -> Batch:
         """Those of some connections only."""
-        rows = np.isin(self.connection, list(connections))
+        rows = np.zeros(len(self.connection), dtype=bool)
+        for one in connections:  # a few: `isin` takes thirty times as long
+            rows |= self.connection == one
         if rows.all():
             return self
         return Batch(self.content, self.connection[rows], self.begin[rows], self.end[rows], self.received_ns[rows])

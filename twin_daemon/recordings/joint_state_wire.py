@@ -108,9 +108,9 @@ class JointStateReader:
         self.messages += len(size)
         for each in np.unique(size).tolist():
             alike = np.flatnonzero(size == each)
-            raw = b"".join([batch.content[begin : begin + each] for begin in batch.begin[alike].tolist()])
-            rows = np.frombuffer(raw, np.uint8).reshape(len(alike), each)
-            self._feed_alike(rows, batch.received_ns[alike], order[alike])
+            content = np.frombuffer(batch.content, np.uint8)
+            rows = np.lib.stride_tricks.sliding_window_view(content, each)[batch.begin[alike]] if each else content[:0]
+            self._feed_alike(rows.reshape(len(alike), each), batch.received_ns[alike], order[alike])
 
     def _feed_alike(self, rows: np.ndarray, received_ns: np.ndarray, order: np.ndarray) -> None:
         """Messages of one size (n, size) uint8."""

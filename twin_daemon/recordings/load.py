@@ -44,16 +44,19 @@ class _Form:
     read: Callable[[Path], Contents]
 
 
-def load_recording(path: str | Path, joint_map: Mapping[str, str] | None = None) -> Recording:
-    """Reads a recording of any form; `joint_map` renames its joints and commands. Raises BadInput."""
+def load_recording(
+    path: str | Path, joint_map: Mapping[str, str] | None = None, sha256: str | None = None
+) -> Recording:
+    """Reads a recording of any form; `joint_map` renames its joints and commands, `sha256` is of its bytes where
+    somebody has counted it already. Raises BadInput."""
     path = Path(path)
     try:
         form = _form(path)
         with ThreadPoolExecutor(1) as beside:  # of a large file, the digest takes a fifth of the reading
-            digest = beside.submit(_sha256, form)
+            digest = beside.submit(_sha256, form) if sha256 is None else None
             with reading(sum(file.stat().st_size for file in form.files)):
                 contents = form.read(form.path)
-            sha256 = digest.result()
+            known = sha256 or (digest.result() if digest else "")
     except TwinError as error:
         where = path if error.where is None else error.where
         raise BadInput(error.what, where=where, allowed=error.allowed, todo=error.todo) from None
@@ -65,7 +68,7 @@ def load_recording(path: str | Path, joint_map: Mapping[str, str] | None = None)
         ) from None
     except Exception as error:  # damaged files break their readers in every way there is
         raise BadInput(f"damaged or not finished ({_cause(error)})", where=path, todo=_TODO) from None
-    recording = _recording(form, contents, sha256)
+    recording = _recording(form, contents, known)
     if not joint_map:
         return recording
     commands = recording.commands.names if recording.commands else ()
@@ -73,11 +76,11 @@ def load_recording(path: str | Path, joint_map: Mapping[str, str] | None = None)
     return recording.renamed(joint_map)
 
 
-def load_offered(path: Path, joint_map: Mapping[str, str] | None = None) -> Recording:
+def load_offered(path: Path, joint_map: Mapping[str, str] | None = None, sha256: str | None = None) -> Recording:
     """Like `load_recording`, for what lies in a folder that others may write to: a link is not followed."""
     with confined(path) as held:
         try:
-            recording = load_recording(held, joint_map)
+            recording = load_recording(held, joint_map, sha256)
         except BadInput as error:
             what, where = (
                 None if text is None else text.replace(str(held), str(path)).replace(str(held.parent), str(path.parent))

@@ -98,10 +98,10 @@ class ModelCache:
             return found
         return self._once(self._lagging, (*key, lag_s), lambda: shifted(found, lag_s), _MOST_COMPARISONS)
 
-    def screen(self, path: Path) -> Aligned:
-        """A recording that is not offered yet, read as any of a stranger. Raises BadInput where it is none of this
-        hand's."""
-        return self._read(path)
+    def screen(self, path: Path, sha256: str) -> Aligned:
+        """A recording that is not offered yet, read as any of a stranger; `sha256` is of its bytes. Raises BadInput
+        where it is none of this hand's."""
+        return self._read(path, sha256)
 
     def adopt(self, aligned: Aligned, path: Path, told: os.stat_result) -> None:
         """Takes what was screened for the recording at `path`, to which the same file was linked: it is not read
@@ -127,8 +127,8 @@ class ModelCache:
     def _built(self, version_id: str) -> TwinModel:
         return self.nominal.changed(Terms.model_validate(self.store.get(version_id).terms))
 
-    def _read(self, path: Path) -> Aligned:
-        recording = load_offered(path, self._names)
+    def _read(self, path: Path, sha256: str | None = None) -> Aligned:
+        recording = load_offered(path, self._names, sha256)
         return align(self.nominal, recording, self._trajectory if recording.commands is None else None)
 
     def _once(

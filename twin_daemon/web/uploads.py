@@ -1,11 +1,13 @@
 """Recordings that come through the page, in pieces: sized, named and screened before they are offered.
 
-A piece is written only where the last one ended, and the whole into a folder that is never offered. Once it is all
-there it is read as every recording of a stranger is; what is none goes again, and nothing is ever overwritten.
+A piece is written only where the last one ended, and one that comes beside it waits for its turn. The file lies in a
+folder that is never offered until it is whole; then it is read as every recording of a stranger is. What is none goes
+again, and nothing is ever overwritten.
 """
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 import secrets
@@ -13,7 +15,10 @@ import shutil
 import stat
 import threading
 import time
-from dataclasses import dataclass
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +38,8 @@ MOST_MB = 4096
 """What one recording may have where nothing else is said."""
 
 _MOST_AT_ONCE = 4
+_MOST_PIECES_AT_ONCE = 2  # one is received while the one before it is written
+_WAIT_S = 30.0  # for the piece before
 _IDLE_S = 600.0
 _LEFT_FREE_BYTES = 512 * 1024 * 1024
 _FOLDER = ".uploads"
@@ -49,8 +56,12 @@ class Upload:
     path: Path
     handle: int
     used_s: float
+    digest: hashlib._Hash
+    """Of the bytes that are there."""
     has: int = 0
     busy: bool = False
+    coming: set[int] = field(default_factory=set)
+    """Offsets of the pieces whose requests have begun."""
 
 
 class Uploads:
@@ -60,6 +71,7 @@ class Uploads:
         self._folder, self._library, self._cache = folder, library, cache
         self._most = most_mb * 1_000_000
         self._lock = threading.Lock()
+        self._turn = threading.Condition(self._lock)
         self._open: dict[str, Upload] = {}
 
     @property
@@ -106,24 +118,43 @@ class Uploads:
                 handle = os.open(path, _CREATE, 0o600)
             except OSError as error:
                 raise BadInput(f"nothing can be written there ({error.strerror})", where=folder) from None
-            self._open[number] = Upload(number, name, size, path, handle, time.monotonic())
+            self._open[number] = Upload(number, name, size, path, handle, time.monotonic(), hashlib.sha256())
         return {"id": number, "name": name, "piece_bytes": PIECE_BYTES}
 
     async def _piece(self, request: Request) -> Response:
         """The body is what comes at `offset`; the answer says how much is there."""
-        content = bytearray()
-        async for part in request.stream():
-            content += part
-            if len(content) > PIECE_BYTES:
-                raise BadInput(f"the piece is larger than {PIECE_BYTES} bytes")
         query = request.query_params
-        text = query.get("offset", "")
+        text, number = query.get("offset", ""), query.get("id", "")
         offset = int(text) if text.isdecimal() and len(text) < 16 else -1
-        has = await run_in_threadpool(self._written, query.get("id", ""), offset, content)
+        with self._coming(number, offset):
+            content = bytearray()
+            async for part in request.stream():
+                content += part
+                if len(content) > PIECE_BYTES:
+                    raise BadInput(f"the piece is larger than {PIECE_BYTES} bytes")
+            has = await run_in_threadpool(self._written, number, offset, content)
         return JSONResponse({"has": has})
 
+    @contextmanager
+    def _coming(self, number: str, offset: int) -> Iterator[None]:
+        """While a piece is on its way those behind it wait for it; they wait no longer once it is written or lost."""
+        with self._lock:
+            one = self._open.get(number)
+            if one is not None and len(one.coming) >= _MOST_PIECES_AT_ONCE:
+                raise Refused(f"{_MOST_PIECES_AT_ONCE} pieces of it are on their way", todo="Wait for the first")
+            mine = one is not None and offset not in one.coming
+            if one is not None and mine:
+                one.coming.add(offset)
+        try:
+            yield
+        finally:
+            with self._turn:
+                if one is not None and mine:
+                    one.coming.discard(offset)
+                self._turn.notify_all()
+
     def _written(self, number: str, offset: int, content: bytearray) -> int:
-        one = self._taken(number)
+        one = self._taken(number, offset)
         try:
             if offset != one.has:
                 raise BadInput(f"the piece begins at byte {offset}", where=one.name, allowed=str(one.has))
@@ -132,12 +163,15 @@ class Uploads:
             written, whole = 0, memoryview(content)
             while written < len(content):
                 written += os.pwrite(one.handle, whole[written:], offset + written)
+            one.digest.update(content)
             one.has += len(content)
             return one.has
         except OSError as error:
             raise BadInput(f"cannot be written ({error.strerror})", where=one.name) from None
         finally:
-            one.busy, one.used_s = False, time.monotonic()
+            with self._turn:
+                one.busy, one.used_s = False, time.monotonic()
+                self._turn.notify_all()
 
     def _end(self, body: dict[str, Any]) -> dict[str, Any]:
         """Screens what has arrived and offers it. Raises BadInput, and forgets it, where it is no recording."""
@@ -149,13 +183,15 @@ class Uploads:
             self._open.pop(one.id, None)
         screened = one.path.with_name(f"{one.id}-{one.name}")
         try:
-            os.fsync(one.handle)
             one.path.rename(screened)
-            try:
-                aligned = self._cache.screen(screened)
-                told = os.fstat(one.handle)
-            except BadInput as error:
-                raise BadInput(error.what, where=one.name, allowed=error.allowed, todo=error.todo) from None
+            with ThreadPoolExecutor(1, thread_name_prefix="twin-upload-sync") as beside:
+                synced = beside.submit(os.fsync, one.handle)
+                try:
+                    aligned = self._cache.screen(screened, one.digest.hexdigest())
+                except BadInput as error:
+                    raise BadInput(error.what, where=one.name, allowed=error.allowed, todo=error.todo) from None
+                synced.result()
+            told = os.fstat(one.handle)
             final = self._placed(screened, one.name)
         except OSError as error:
             raise BadInput(f"cannot be kept ({error.strerror})", where=one.name) from None
@@ -184,9 +220,15 @@ class Uploads:
         _forget(one)
         return {}
 
-    def _taken(self, number: str) -> Upload:
-        """The upload, for this request alone."""
-        with self._lock:
+    def _taken(self, number: str, offset: int = 0) -> Upload:
+        """The upload, for this request alone; a piece for an `offset` ahead waits for those that come before it."""
+
+        def mine() -> bool:
+            one = self._open.get(number)
+            return one is None or offset <= one.has or not (one.busy or any(other < offset for other in one.coming))
+
+        with self._turn:
+            self._turn.wait_for(mine, _WAIT_S)
             one = self._open.get(number)
             if one is None:
                 raise BadInput("this file is not on its way", todo="Drop it again")
