@@ -95,6 +95,33 @@ def test_a_share_that_all_joints_have_more_of_is_fitted_to_its_end(tmp_path: Pat
     assert found.cost < 0.1 * begun.cost
 
 
+def test_what_all_servos_have_begins_where_the_few_that_show_it_most_take_it(tmp_path: Path) -> None:
+    """And ends where a fit from its own starts to all of them ends."""
+    late = EffectTerm(effect="command_delay", target=ROBOT, values={"delay": 0.03})
+    twin = _arm(tmp_path, "beside", "behind", "below")
+    search = _search(twin, late)
+    cause = SharedCause(LIBRARY["command_delay"], ROBOT)
+    (begun,) = search.begun(cause)
+    assert begun.near
+    assert len(begun.rows) == len(search.at(cause, {"delay": 0.01}).rows), "all groups"
+    assert begun.values["delay"] == pytest.approx(0.03, rel=0.05)
+    found = search.fitted(begun)[0]
+    apart = search.fitted(search.at(cause, {"delay": 0.01}))[0]
+    assert found.values["delay"] == pytest.approx(apart.values["delay"], rel=0.01)
+    assert found.cost == pytest.approx(apart.cost, rel=0.02)
+
+
+def test_a_cause_comes_near_another_or_does_not(tmp_path: Path) -> None:
+    twin = _arm(tmp_path)
+    load_term = EffectTerm(effect="payload", target="wrist", values={"mass": 0.1, "at": 0.5})
+    search = _search(twin, load_term, noise_rad=1e-4)
+    load, late = SharedCause(LIBRARY["payload"], "wrist"), SharedCause(LIBRARY["command_delay"], ROBOT)
+    assert search.best([late], 0) is None
+    assert search.nearly_as_good([load])
+    assert search.best([load], 0) is not None
+    assert not search.nearly_as_good([late])
+
+
 def test_a_load_is_looked_for_where_those_feel_it_that_leave_much(tmp_path: Path) -> None:
     """A joint that does not carry it may be looked at as well, for the little that it leaves."""
     twin = _arm(tmp_path, "beside")

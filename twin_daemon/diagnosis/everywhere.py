@@ -56,7 +56,7 @@ def of_all(
     if found is None:
         return None
     loads = [cause for cause in causes if cause.is_load and found.finding.effect in cause.effect.confusable]
-    if loads:
+    if loads and search.nearly_as_good(loads):
         found = search.best([*of_robot, *loads], seed, most_left=OF_ALL_LEFT)
     return _said(found, len(above), say) if found and found.finding.target == ROBOT else None
 

@@ -114,6 +114,7 @@ class SharedSearch(SharedFit):
     """
 
     nearly: EffectTerm | None = None
+    _least = np.inf
 
     def _pairs(self, alone: Sequence[Begun], causes: Sequence[SharedCause]) -> list[list[Begun]]:
         """Two loads at once, fitted together: each of some that were fitted `alone` beside each of all.
@@ -183,13 +184,21 @@ class SharedSearch(SharedFit):
         helped = bool(looked_at) and all(new.base.cost < old.base.cost for (_, old), (_, new) in both)
         return _Held(found, slopes, there, looked_at, squares, helped)
 
-    def best(self, causes: Sequence[SharedCause], seed: int, *, most_left: float = np.inf) -> Shared | None:
+    def best(
+        self,
+        causes: Sequence[SharedCause],
+        seed: int,
+        *,
+        most_left: float = np.inf,
+        known: Sequence[Sequence[Begun]] | None = None,
+    ) -> Shared | None:
         """The cause that brings the groups back to the floor, on held-out motion too; None where none does.
 
         What leaves more than a share `most_left` of the cost beside the floor is not looked at any further. Where none
-        does and all may be loads, two at once are asked for: of three groups that is cheaper than one each.
+        does and all may be loads, two at once are asked for: of three groups that is cheaper than one each. `known`
+        are the causes that these groups and others were told to come closest, in their forms: there they begin.
         """
-        finalists = self._finalists(causes)
+        finalists = self._finalists(self._begun(causes) if known is None else self._from(known))
         found = self._accepted(finalists, causes, seed, most_left)
         loads = sorted((forms[0] for forms in finalists if forms[0].cause.is_load), key=lambda one: one.cost)
         if found is None and len(self._above) > 2 and loads and self._may_be_loads(causes):
@@ -198,16 +207,29 @@ class SharedSearch(SharedFit):
             found = self._accepted(self._pairs(list(best.values()), causes), (), seed, most_left)
         return found
 
-    def _finalists(self, causes: Sequence[SharedCause]) -> list[list[Begun]]:
+    def nearly_as_good(self, causes: Sequence[SharedCause]) -> bool:
+        """Whether one of some causes comes as near as what was looked for last (see `COMPARABLE`)."""
+        least = self._least
+        return any(forms[0].cost <= COMPARABLE * least for forms in self._finalists(self._begun(causes)))
+
+    def _begun(self, causes: Sequence[SharedCause]) -> list[list[Begun]]:
+        return concurrently(lambda cause: self.begun(cause), causes)
+
+    def _from(self, known: Sequence[Sequence[Begun]]) -> list[list[Begun]]:
+        """Causes in their forms as they were fitted to other groups as well."""
+        every = [[self._at(one.cause, one.values) for one in forms] for forms in known]
+        return [[one for one in forms if one is not None] for forms in every]
+
+    def _finalists(self, every: Sequence[list[Begun]]) -> list[list[Begun]]:
         """The causes that begin best, fitted, each in its forms."""
-        begun = [forms for forms in concurrently(lambda cause: self.begun(cause), causes) if forms]
-        begun.sort(key=lambda forms: forms[0].cost)
+        begun = sorted((forms for forms in every if forms), key=lambda forms: forms[0].cost)
         if not begun:
             return []
         best, *others = begun[:SHARED_FINALISTS]
         first = self._in_its_forms(best)
         every = [first, *concurrently(lambda forms: self._in_its_forms(forms, COMPARABLE * first[0].cost), others)]
         best_fit = min((forms[0] for forms in every), key=lambda fit: fit.cost)
+        self._least = best_fit.cost
         if self._at_every_floor(best_fit):
             return every
         near = COMPARABLE * best_fit.cost
@@ -270,7 +292,7 @@ class SharedSearch(SharedFit):
             right = [i for i, one in enumerate(squares) if one is not None]
             if held.helped and 2 * len(right) > len(squares) > 2:
                 # what most have all may have, and some something of their own beside it
-                return self.only(right).best(causes, seed)
+                return self.only(right).best(causes, seed, known=finalists)
         if not squares or None in squares:
             return None
         before, after = (np.concatenate(both) for both in zip(*filter(None, squares), strict=True))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import copy
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Self
 
@@ -23,10 +23,12 @@ from twin_daemon.diagnosis.thresholds import (
     RELATIVE_ERROR,
     SHARED_DAMPING,
     SHARED_HALVINGS,
+    SHARED_LAST_STEPS,
     SHARED_SETTLED_NATS,
     SHARED_SHARES,
     SHARED_STEPS,
     SHARED_TAKEN,
+    SHARED_TELLING,
 )
 from twin_daemon.errors import BadInput
 from twin_daemon.estimation.estimate import Estimate
@@ -34,18 +36,23 @@ from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.estimation.thresholds import FLOOR_CHI_SQUARE
 from twin_daemon.estimation.uncertainty import inflation
 from twin_daemon.executor import concurrently
+from twin_daemon.places import ROBOT
 from twin_daemon.simulation.submodel import linked
 from twin_daemon.simulation.twin import TwinModel
 
 
 @dataclass(frozen=True)
 class Begun:
-    """A cause with values, and what all groups leave with it: rows (m,), and the price of what refines it."""
+    """A cause with values, and what all groups leave with it: rows (m,), and the price of what refines it.
+
+    `near` says that a fit has taken it there, to some of the groups at least.
+    """
 
     cause: Cause
     values: dict[str, float]
     rows: np.ndarray
     price: float = 0.0
+    near: bool = False
 
     @property
     def cost(self) -> float:
@@ -139,7 +146,12 @@ class SharedFit:
 
         How strong a load or a delay may be follows from no scale of one place, so that shares go over decades. Forms
         differ in what no fit moves, such as how much of a friction sticks: which is the better says only its fit.
+        What all servos or joints have alike a few groups say as well as all: where these take it to it begins.
         """
+        if cause.target == ROBOT and len(self._groups) > SHARED_TELLING:
+            few = self.only(self._most_telling())
+            told = [self._at(cause, few.fitted(one)[0].values) for one in few.begun(cause)]
+            return sorted((replace(one, near=True) for one in told if one is not None), key=lambda one: one.cost)
         starts = self._starts(cause)
         outwards = cause.directions(starts)
         found: list[Begun] = []
@@ -155,6 +167,11 @@ class SharedFit:
         for one in sorted(found, key=lambda one: one.cost):
             best.setdefault(cause.form(one.values), one)
         return list(best.values())
+
+    def _most_telling(self) -> list[int]:
+        """The groups that are the furthest above their floors."""
+        above = [float(group.rows @ group.rows) - group.floor_cost for group in self._groups]
+        return sorted(np.argsort(above)[-SHARED_TELLING:].tolist())
 
     def _starts(self, cause: SharedCause) -> tuple[dict[str, float], ...]:
         return cause.starts(self._twin, [joint for reduced, _ in self._above for joint in reduced.joints])
@@ -229,11 +246,11 @@ class SharedFit:
         So is what cannot help most groups, unless it is `settling` where all groups have it.
 
         Friction makes slopes over a tenth of a value another thing than slopes nearby, so that each round looks nearer,
-        and a step that gains nothing is halved.
+        and a step that gains nothing is halved. What a fit has taken near its end already needs the last rounds only.
         """
-        cause = begun.cause
+        cause, near = begun.cause, begun.near
         slopes = np.empty((len(begun.rows), 0))
-        for count, share in enumerate(SHARED_STEPS):
+        for count, share in enumerate(SHARED_STEPS[-SHARED_LAST_STEPS:] if near else SHARED_STEPS):
             steps = {n: share * scale for n, scale in begun.scales.items()}
             stepped = [begun.values | {name: begun.values[name] + step} for name, step in steps.items()]
             found = concurrently(lambda values: self._rows(cause, values), stepped)
@@ -241,11 +258,11 @@ class SharedFit:
             move = np.linalg.lstsq(slopes, -begun.rows, rcond=None)[0]
             expected = begun.cost - float(((begun.rows + slopes @ move) ** 2).sum())
             # where a cause begins its slopes may promise too little, so that it is moved once
-            within = min(reach, self._most_cost) if count and not settling else np.inf
+            within = min(reach, self._most_cost) if (count or near) and not settling else np.inf
             if 0.5 * expected < SHARED_SETTLED_NATS or begun.cost - expected > within:
                 break
             begun = self._moved(begun, slopes)
-        return self._without_idle(begun, slopes), slopes
+        return replace(self._without_idle(begun, slopes), near=True), slopes
 
     def _in_detail(self, found: Begun) -> Begun:
         """A fitted cause with what refines it, where most groups feel it, one is above its floor and that pays."""

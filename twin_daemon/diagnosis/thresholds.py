@@ -66,10 +66,12 @@ OF_ALL_LEFT = Threshold(
     "of the error, beside its floor: a cause of all servos that leaves more is asked again beside fitted nuisances",
 )
 SHARED_FINALISTS = Count(5, "causes", "behind several groups that are fitted, of all that were begun")
+SHARED_TELLING = Count(4, "groups", "the furthest above their floors, that say where a cause of all of them begins")
 SHARED_STEPS = tuple(
     Threshold(share, "1", "of a value that several groups share: its step for a slope, one for each round of its fit")
     for share in (0.1, 0.03, 0.01, 0.003)
 )
+SHARED_LAST_STEPS = Count(2, "rounds", "of these that a cause needs which a fit has taken near its end")
 SHARED_SETTLED_NATS = Threshold(0.5, "nats", "that a step of such values promises: with less their fit ends")
 SHARED_TAKEN = Threshold(
     0.75,
