@@ -148,8 +148,9 @@ class SharedFit:
         differ in what no fit moves, such as how much of a friction sticks: which is the better says only its fit.
         What all servos or joints have alike a few groups say as well as all: where these take it to it begins.
         """
-        if cause.target == ROBOT and len(self._groups) > SHARED_TELLING:
-            few = self.only(self._most_telling())
+        telling = self._most_telling() if cause.target == ROBOT else []
+        if telling:
+            few = self.only(telling)
             told = [self._at(cause, few.fitted(one)[0].values) for one in few.begun(cause)]
             return sorted((replace(one, near=True) for one in told if one is not None), key=lambda one: one.cost)
         starts = self._starts(cause)
@@ -169,9 +170,14 @@ class SharedFit:
         return list(best.values())
 
     def _most_telling(self) -> list[int]:
-        """The groups that are the furthest above their floors."""
-        above = [float(group.rows @ group.rows) - group.floor_cost for group in self._groups]
-        return sorted(np.argsort(above)[-SHARED_TELLING:].tolist())
+        """Of many groups the few that are the furthest above their floors; none where so few are above them.
+
+        What none of them shows by itself only all of them together do.
+        """
+        floor = np.array([group.floor_cost for group in self._groups])
+        cost = np.array([float(group.rows @ group.rows) for group in self._groups])
+        above = [index for index in np.argsort(cost - floor).tolist() if cost[index] > FLOOR_CHI_SQUARE * floor[index]]
+        return sorted(above[-SHARED_TELLING:]) if len(self._groups) > SHARED_TELLING <= len(above) else []
 
     def _starts(self, cause: SharedCause) -> tuple[dict[str, float], ...]:
         return cause.starts(self._twin, [joint for reduced, _ in self._above for joint in reduced.joints])
