@@ -127,6 +127,7 @@ def test_pieces_come_in_order_and_no_more_than_was_announced(served: Workbench, 
     assert piece(served, number, 0, bag[:10])[1] == {"has": 10}
     assert piece(served, number, 0, bag[:10])[0] == 400, "the same again"
     assert piece(served, number, 10, bag[10:] + b"more")[0] == 400
+    assert piece(served, number, 10, bytes(4 * 1024 * 1024 + 1))[0] == 400
     assert piece(served, number, 10, bytes(16 * 1024 * 1024 + 1))[0] == 400
     assert "Send the rest" in served.ask("/api/upload/end", {"id": number})[1]["error"]
     assert piece(served, "../../etc/passwd", 0, b"x")[0] == 400

@@ -196,9 +196,10 @@ class SharedSearch(SharedFit):
 
         What leaves more than a share `most_left` of the cost beside the floor is not looked at any further. Where none
         does and all may be loads, two at once are asked for: of three groups that is cheaper than one each. `known`
-        are the causes that these groups and others were told to come closest, in their forms: there they begin.
+        are causes in their forms as they were fitted to these groups and others: they begin there, and no other does.
         """
         finalists = self._finalists(self._begun(causes) if known is None else self._from(known))
+        self._least = min((forms[0].cost for forms in finalists), default=np.inf)
         found = self._accepted(finalists, causes, seed, most_left)
         loads = sorted((forms[0] for forms in finalists if forms[0].cause.is_load), key=lambda one: one.cost)
         if found is None and len(self._above) > 2 and loads and self._may_be_loads(causes):
@@ -209,8 +210,7 @@ class SharedSearch(SharedFit):
 
     def nearly_as_good(self, causes: Sequence[SharedCause]) -> bool:
         """Whether one of some causes comes as near as what was looked for last (see `COMPARABLE`)."""
-        least = self._least
-        return any(forms[0].cost <= COMPARABLE * least for forms in self._finalists(self._begun(causes)))
+        return any(forms[0].cost <= COMPARABLE * self._least for forms in self._finalists(self._begun(causes)))
 
     def _begun(self, causes: Sequence[SharedCause]) -> list[list[Begun]]:
         return concurrently(lambda cause: self.begun(cause), causes)
@@ -229,7 +229,6 @@ class SharedSearch(SharedFit):
         first = self._in_its_forms(best)
         every = [first, *concurrently(lambda forms: self._in_its_forms(forms, COMPARABLE * first[0].cost), others)]
         best_fit = min((forms[0] for forms in every), key=lambda fit: fit.cost)
-        self._least = best_fit.cost
         if self._at_every_floor(best_fit):
             return every
         near = COMPARABLE * best_fit.cost

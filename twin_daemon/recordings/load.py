@@ -53,10 +53,10 @@ def load_recording(
     try:
         form = _form(path)
         with ThreadPoolExecutor(1) as beside:  # of a large file, the digest takes a fifth of the reading
-            digest = beside.submit(_sha256, form) if sha256 is None else None
+            digest = beside.submit(lambda: sha256 or _sha256(form))
             with reading(sum(file.stat().st_size for file in form.files)):
                 contents = form.read(form.path)
-            known = sha256 or (digest.result() if digest else "")
+            counted = digest.result()
     except TwinError as error:
         where = path if error.where is None else error.where
         raise BadInput(error.what, where=where, allowed=error.allowed, todo=error.todo) from None
@@ -68,7 +68,7 @@ def load_recording(
         ) from None
     except Exception as error:  # damaged files break their readers in every way there is
         raise BadInput(f"damaged or not finished ({_cause(error)})", where=path, todo=_TODO) from None
-    recording = _recording(form, contents, known)
+    recording = _recording(form, contents, counted)
     if not joint_map:
         return recording
     commands = recording.commands.names if recording.commands else ()

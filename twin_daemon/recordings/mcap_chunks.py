@@ -104,10 +104,8 @@ def _by_index(storage: McapReader, chunk: ChunkInfo, content: bytes, channels: M
     named = np.full(2**16, -1)
     named[list(channels)] = list(channels.values())
     connection, received_ns = named[heads["channel"]], heads["received_ns"].astype(np.int64)
-    rows = np.flatnonzero(connection >= 0)
-    if (np.diff(received_ns[rows]) < 0).any():
-        rows = rows[np.argsort(received_ns[rows], kind="stable")]
-    return Batch(content, connection[rows], at[rows] + _HEAD.size, end[rows], received_ns[rows])
+    rows = np.stack([connection, at + _HEAD.size, end, received_ns], axis=1)
+    return _in_order(content, rows[connection >= 0])
 
 
 def _indexed(storage: McapReader, chunk: ChunkInfo) -> np.ndarray:
@@ -150,7 +148,11 @@ def _messages(content: bytes, channels: Mapping[int, int]) -> Batch:
         if kind == MESSAGE and channel in channels:
             found.append((channels[channel], at + _HEAD.size, end, received_ns))
         at = end
-    rows = np.array(found, dtype=np.int64).reshape(-1, 4)
+    return _in_order(content, np.array(found, dtype=np.int64).reshape(-1, 4))
+
+
+def _in_order(content: bytes, rows: np.ndarray) -> Batch:
+    """Messages (n, 4), each by its connection, begin, end and time of receiving, in the order of the last."""
     if (np.diff(rows[:, 3]) < 0).any():
         rows = rows[np.argsort(rows[:, 3], kind="stable")]
     return Batch(content, rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3])

@@ -60,7 +60,7 @@ class Upload:
     """Of the bytes that are there."""
     has: int = 0
     busy: bool = False
-    coming: set[int] = field(default_factory=set)
+    coming: list[int] = field(default_factory=list)
     """Offsets of the pieces whose requests have begun."""
 
 
@@ -140,17 +140,15 @@ class Uploads:
         """While a piece is on its way those behind it wait for it; they wait no longer once it is written or lost."""
         with self._lock:
             one = self._open.get(number)
-            if one is not None and len(one.coming) >= _MOST_PIECES_AT_ONCE:
+            coming = [] if one is None else one.coming
+            if len(coming) >= _MOST_PIECES_AT_ONCE:
                 raise Refused(f"{_MOST_PIECES_AT_ONCE} pieces of it are on their way", todo="Wait for the first")
-            mine = one is not None and offset not in one.coming
-            if one is not None and mine:
-                one.coming.add(offset)
+            coming.append(offset)
         try:
             yield
         finally:
             with self._turn:
-                if one is not None and mine:
-                    one.coming.discard(offset)
+                coming.remove(offset)
                 self._turn.notify_all()
 
     def _written(self, number: str, offset: int, content: bytearray) -> int:
