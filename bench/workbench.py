@@ -1,11 +1,12 @@
 """What the workbench costs the daemon's loop, and how often its live charts are drawn.
 
-python -m bench.workbench [--seconds 10] [--rounds 2] [--rates 125 1000] [--realtime]
+python -m bench.workbench [--seconds 10] [--rounds 2] [--rates 125 1000] [--realtime] [--core N]
 
 Phases alternate: the daemon alone, with a workbench that nobody looks at, and with a browser on its live view, the
 hand in space beside the charts. The browser is a headless Chromium without a graphics card; its heap is that after a
 collection, in the middle and at the end of its phase. `--realtime` (it needs the right to) puts driver and daemon
-before all other work, the workbench and the browser not.
+before all other work, the workbench and the browser not. `--core` keeps both on one core, as `CPUAffinity` of a unit
+does; workbench and browser have all of them. Started with `nice -n -10` both have the priority of the daemon's unit.
 """
 
 from __future__ import annotations
@@ -51,12 +52,17 @@ def workbench(endpoint: str, folder: Path) -> Iterator[tuple[str, psutil.Process
 
 @contextlib.contextmanager
 def ordinary() -> Iterator[None]:
-    """What is started within has no more right to the processor than other work."""
-    policy, priority = os.sched_getscheduler(0), os.sched_getparam(0)
+    """What is started within has no more right to the processor than other work, and any core of it."""
+    policy, priority, cores = os.sched_getscheduler(0), os.sched_getparam(0), os.sched_getaffinity(0)
+    nice = os.getpriority(os.PRIO_PROCESS, 0)
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    os.setpriority(os.PRIO_PROCESS, 0, max(nice, 0))
+    os.sched_setaffinity(0, range(os.cpu_count() or 1))
     try:
         yield
     finally:
+        os.sched_setaffinity(0, cores)
+        os.setpriority(os.PRIO_PROCESS, 0, nice)
         os.sched_setscheduler(0, policy, priority)
 
 
@@ -104,11 +110,14 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=2)
     parser.add_argument("--rates", type=float, nargs="+", default=[125.0, 1000.0], help="Hz")
     parser.add_argument("--realtime", action="store_true", help="driver and daemon before all other work")
+    parser.add_argument("--core", type=int, help="the one core that driver and daemon run on")
     chosen = parser.parse_args()
     program = chromium()
     assert program is not None, "no Chromium on this machine"
     if chosen.realtime:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
+    if chosen.core is not None:
+        os.sched_setaffinity(0, {chosen.core})
     driver, found = Driver(), {}
     with tempfile.TemporaryDirectory() as name, contextlib.ExitStack() as stack:
         folder, endpoint = Path(name), f"tcp/127.0.0.1:{free_port()}"

@@ -24,9 +24,9 @@ export const panel = made("div", { className: "panel hand" }, key, overlays.cont
 
 interface Stage {
   renderer: three.WebGLRenderer; scene: three.Scene; camera: three.PerspectiveCamera; controls: CameraControls; hands: three.Group[][];
-  meshes: three.Mesh[]; joints: number[][]; wanted: boolean; placed: boolean; version: string;
+  meshes: three.Mesh[]; joints: number[][]; wanted: boolean; placed: boolean; version: string; described: Described;
 }
-let fineness = 1, faces = 1, unable = false, stage: Stage | null = null, residuals: (number | null)[] = [], frames = 0, saidAt = 0, loading = "";
+let fineness = 1, faces = 1, byCard = true, unable = false, stage: Stage | null = null, residuals: (number | null)[] = [], frames = 0, saidAt = 0, loading = "";
 
 async function build(): Promise<void> {
   const version = facts.own ? selection.version || "nominal" : "nominal";
@@ -42,8 +42,9 @@ async function build(): Promise<void> {
     put(words, "This browser draws nothing in space (no WebGL); everything else works without it.");
     return;
   }
-  if (drawing === "software") faces = 0.65;
-  const renderer = new three.WebGLRenderer({ canvas, antialias: drawing !== "software", alpha: true, powerPreference: "low-power" });
+  byCard = drawing === "card";
+  if (!byCard) faces = 0.5;
+  const renderer = new three.WebGLRenderer({ canvas, antialias: byCard, alpha: true, powerPreference: "low-power" });
   const scene = new three.Scene(), camera = new three.PerspectiveCamera(32, 1, 0.01, 20);
   camera.up.set(0, 0, 1);
   scene.add(new three.HemisphereLight(0xffffff, 0x667788, 1.6));
@@ -54,7 +55,7 @@ async function build(): Promise<void> {
   controls.dollyToCursor = true;
   controls.smoothTime = 0.08;
   controls.draggingSmoothTime = 0.03;
-  stage = { renderer, scene, camera, controls, hands: [], meshes: [], joints: [], wanted: true, placed: false, version: "" };
+  stage = { renderer, scene, camera, controls, hands: [], meshes: [], joints: [], wanted: true, placed: false, version: "", described };
   controls.addEventListener("update", () => { stage!.wanted = true; });
   new ResizeObserver(fit).observe(holder);
   populate(stage, described, version);
@@ -73,7 +74,7 @@ function drawsInSpace(): "card" | "software" | null {
 
 function populate(on_: Stage, described: Described, version: string): void {
   for (const group of on_.hands.flat()) on_.scene.remove(group);
-  Object.assign(on_, { joints: described.joints, meshes: [], version });
+  Object.assign(on_, { joints: described.joints, meshes: [], version, described });
   const shapes = geometries(described, faces);
   on_.hands = [false, true].map((ghost) => {
     const bodies = Array.from({ length: described.bodies }, () => new three.Group());
@@ -170,10 +171,15 @@ function tick(at: number): void {
   before = at;
   if (!moved && !stage.wanted) return;
   stage.wanted = false;
-  // a machine that does not keep up draws fewer points rather than fewer moments
+  // a machine that does not keep up draws fewer points rather than fewer moments; without a card, corners are what takes long
   slow = at - drawnAt < 400 ? 0.9 * slow + 0.1 * (at - drawnAt) : slow;
   drawnAt = at;
-  if (slow > 45 && fineness > 0.5) { fineness = Math.max(0.5, 0.8 * fineness); slow = 32; fit(); stage.wanted = false; }
+  if (slow > 45 && (byCard ? fineness > 0.5 : faces > 0.4)) {
+    slow = 32;
+    if (byCard) { fineness = Math.max(0.5, 0.8 * fineness); fit(); }
+    else { faces = 0.4; populate(stage, stage.described, stage.version); }
+    stage.wanted = false;
+  }
   stage.renderer.render(stage.scene, stage.camera);
   frames += 1;
   mark("spaceFrames", String(frames));

@@ -1,6 +1,8 @@
 // One strip: measured and twin above, their difference below, over the last seconds.
 import { colour, onTheme } from "./state";
 
+const UNSEEN_PX = 0.3;
+
 let colours: Record<string, string> | null = null;
 onTheme(() => { colours = null; });
 
@@ -53,18 +55,37 @@ function stroke(pen: Pen, points: number[][]): void {
   pen.stroke();
 }
 
+// Points that a straight line passes by closer than anybody sees are left out: a strip of ten seconds has four to a pixel.
 function curve(pen: Pen, times: number[], values: Row, x: (time: number) => number, y: (value: number) => number, ink: string, dash: number[]): void {
   pen.strokeStyle = ink;
   pen.lineWidth = 1.5;
   pen.setLineDash(dash);
   pen.beginPath();
-  let broken = true;
+  let from: [number, number] | null = null, to: [number, number] = [0, 0], least = -Infinity, most = Infinity;
   for (let at = 0; at < times.length; at += 1) {
     const value = values[at];
-    if (value === null) { broken = true; continue; }
-    if (broken) pen.moveTo(x(times[at]), y(value)); else pen.lineTo(x(times[at]), y(value));
-    broken = false;
+    if (value === null) {
+      if (from) pen.lineTo(...to);
+      from = null;
+      continue;
+    }
+    const point: [number, number] = [x(times[at]), y(value)];
+    if (!from) {
+      pen.moveTo(...point);
+      [from, least, most] = [point, -Infinity, Infinity];
+    } else {
+      let slope = (point[1] - from[1]) / (point[0] - from[0]);
+      if (slope < least || slope > most) {
+        pen.lineTo(...to);
+        [from, least, most] = [to, -Infinity, Infinity];
+        slope = (point[1] - from[1]) / (point[0] - from[0]);
+      }
+      const slack = UNSEEN_PX / (point[0] - from[0]);
+      [least, most] = [Math.max(least, slope - slack), Math.min(most, slope + slack)];
+    }
+    to = point;
   }
+  if (from) pen.lineTo(...to);
   pen.stroke();
   pen.setLineDash([]);
 }

@@ -20,23 +20,33 @@ const events = made("ul", { id: "events" });
 export const eventsPanel = made("div", { className: "panel" }, made("h3", {}, "Events of the daemon"), events);
 
 const strips = new Map<number, { canvas: HTMLCanvasElement; now: HTMLElement; figure: HTMLElement }>();
+const seen = new Set<Element>(); // of the canvases: what is scrolled away is not drawn
+const watch = new IntersectionObserver((changes) => { for (const { target, isIntersecting } of changes) if (isIntersecting) seen.add(target); else seen.delete(target); news = true; });
 let held = false, news = false, waiting = 0, sorted = 0, before = 0, next = 0, said = 0, rounds: number[] = [], frames = 0;
 
 export function toggle(): void {
   held = !held;
   hold.setAttribute("aria-pressed", String(held));
+  if (held) for (const [joint] of strips) drawn(joint); // all of one moment, whichever is looked at then
+}
+
+function drawn(joint: number): void {
+  const strip = strips.get(joint)!;
+  put(strip.now, `rms ${milli(now.rms[joint])} mrad`);
+  draw(strip.canvas, kept.t, kept.measured[joint], kept.predicted[joint], SHOWN_S);
 }
 
 function arrange(): void {
   sorted = performance.now();
   const wanted = worstFirst().slice(0, Number(count.value));
-  for (const [joint, strip] of strips) if (!wanted.includes(joint)) { strip.figure.remove(); strips.delete(joint); }
+  for (const [joint, strip] of strips) if (!wanted.includes(joint)) { watch.unobserve(strip.canvas); seen.delete(strip.canvas); strip.figure.remove(); strips.delete(joint); }
   wanted.forEach((joint, place) => {
     if (!strips.has(joint)) {
       const name = facts.joints[joint], said = made("span", { className: "soft" });
       const canvas = made("canvas", { role: "img", "aria-label": `${name}: measured and predicted over the last ${SHOWN_S} s, the residual below` });
       const pick = made("button", { type: "button", className: "plain" }, short(name));
       pick.addEventListener("click", () => select({ joint: name }));
+      watch.observe(canvas);
       strips.set(joint, { canvas, now: said, figure: made("figure", {}, made("figcaption", {}, pick, " ", said), canvas) });
     }
     const { figure } = strips.get(joint)!;
@@ -64,7 +74,7 @@ function tick(at: number): void {
   if (held || !(news || left)) return;
   if (news) {
     news = false;
-    waiting = strips.size;
+    waiting = seen.size;
     frames += 1;
     mark("frames", String(frames));
   }
@@ -74,13 +84,11 @@ function tick(at: number): void {
 
 // Some of them in each frame, so that no frame waits for all of them.
 function inTurn(at: number): void {
-  const all = [...strips], due = Math.min(waiting, Math.ceil(all.length * Math.min((at - before) / EACH_MS, 1)));
-  waiting -= due;
+  const all = [...strips.keys()].filter((joint) => seen.has(strips.get(joint)!.canvas)), due = Math.min(waiting, Math.ceil(all.length * Math.min((at - before) / EACH_MS, 1)));
+  waiting = all.length ? waiting - due : 0;
   for (let count = 0; count < due; count += 1) {
     next = (next + 1) % all.length;
-    const [joint, strip] = all[next];
-    put(strip.now, `rms ${milli(now.rms[joint])} mrad`);
-    draw(strip.canvas, kept.t, kept.measured[joint], kept.predicted[joint], SHOWN_S);
+    drawn(all[next]);
     if (next === 0) rounds.push(at);
   }
   if (at - said < RATE_EVERY_MS) return;

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+from rosbags.typesys import Stores, get_typestore
 
 from twin_daemon.comparison.compare import Comparison, compare_recording, shifted
 from twin_daemon.errors import BadInput
@@ -41,6 +42,7 @@ class ModelCache:
         self._names = load_joint_map(joint_map) if joint_map else None
         self.nominal = TwinModel.load(hand)
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="twin-workbench-roll-out", initializer=_step_back)
+        self._worker.submit(get_typestore, Stores.ROS2_JAZZY)  # the first bag would wait for its modules
         self._lock = threading.Lock()
         self._recordings: OrderedDict[Hashable, Future[Aligned]] = OrderedDict()
         self._comparisons: OrderedDict[Hashable, Future[Comparison]] = OrderedDict()
