@@ -80,6 +80,12 @@ def test_the_story(workbench: Any, processes: Twin, browser: Browser, worn: Path
     tab.until("document.querySelector('#strips canvas') !== null", 60.0)
     before = tab.run("document.querySelector('#strips canvas').toDataURL()")
     tab.until(f"document.querySelector('#strips canvas').toDataURL() !== {json.dumps(before)}")
+    tab.run("document.getElementById('strips-hold').click()")
+    blank = "!one.getContext('2d').getImageData(0, 0, one.width, one.height).data.some(Boolean)"
+    assert not tab.run(f"[...document.querySelectorAll('#strips canvas')].some((one) => {blank})"), (
+        "those out of sight show what was held, too"
+    )
+    tab.run("document.getElementById('strips-hold').click()")
     rows = "[...document.querySelectorAll('#joints tr')].map((row) => [...row.children].map((one) => one.textContent))"
     first = {row[0]: row[1] for row in tab.run(rows)}
     assert len(first) == 24
