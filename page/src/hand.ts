@@ -74,6 +74,7 @@ function drawsInSpace(): "card" | "software" | null {
 
 function populate(on_: Stage, described: Described, version: string): void {
   for (const group of on_.hands.flat()) on_.scene.remove(group);
+  for (const { geometry } of on_.meshes) geometry.dispose(); // both hands have the same ones
   Object.assign(on_, { joints: described.joints, meshes: [], version, described });
   const shapes = geometries(described, faces);
   on_.hands = [false, true].map((ghost) => {
@@ -91,6 +92,7 @@ function populate(on_: Stage, described: Described, version: string): void {
   });
   overlays.place(on_.scene, on_.hands, described, () => { on_.wanted = true; });
   paint();
+  if (live() && now.poses) pose(now.poses);
   follow();
 }
 
