@@ -118,9 +118,17 @@ def _tasks() -> list[asyncio.Task]:
     return list(registry)
 
 
+def _text(path: Path) -> str:
+    """Of a thread; empty where it has ended meanwhile."""
+    try:
+        return path.read_text()
+    except (FileNotFoundError, ProcessLookupError):
+        return ""
+
+
 def _children(process: psutil.Process) -> Iterator[tuple[psutil.Process, list[str]]]:
     threads = Path("/proc/self/task")
-    if threads.is_dir() and not any(own.read_text() for own in threads.glob("*/children")):
+    if threads.is_dir() and not any(_text(own) for own in threads.glob("*/children")):
         return  # where the kernel says so at once, not every process of the machine is looked at
     for child in process.children(recursive=True):
         try:
