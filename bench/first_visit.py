@@ -50,7 +50,7 @@ def main() -> None:
     parser.add_argument("--browser", choices=("chromium", "firefox"), default="chromium")
     parser.add_argument("--way", choices=tuple(WAYS), default="pointer")
     parser.add_argument("--pictures", type=Path, help="where pictures of the moments go")
-    parser.add_argument("--no-rules", action="store_true", help="without axe")
+    parser.add_argument("--no-rules", action="store_true", help="without axe, which comes with `npm ci` in page/")
     chosen = parser.parse_args()
     if chosen.pictures is not None:
         chosen.pictures.mkdir(parents=True, exist_ok=True)
