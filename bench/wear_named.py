@@ -185,10 +185,11 @@ def page(hands: Sequence[Hand]) -> str:
     swayed = sum(len(look.named) for hand in swings for look in hand.looks)
     unworn = [hand for hand in hands if hand.law == "nothing"]
     alarms = sum(len(look.named) for hand in unworn for look in hand.looks)
+    silent = sum(look.verdict == "not_excited" for hand in hands for look in hand.looks)
     seconds = float(np.median([look.took_s for hand in hands for look in hand.looks]))
     return _PAGE.format(
         rows="\n".join(rows), hands=len(hands), looks=looks, within=within, late=late, wrong=wrong, tied=tied,
-        unworn=len(unworn), alarms=alarms, swayed=swayed, seconds=seconds,
+        unworn=len(unworn), alarms=alarms, swayed=swayed, silent=silent, seconds=seconds,
     )  # fmt: skip
 
 
@@ -207,7 +208,8 @@ right one.
 
 {hands} hands, {looks} looks: named rightly by the look after *reached* {within} of {late} hands; wrong names {wrong},
 and {tied} that stood first and were said to be as likely as the right one; false alarms on unworn hands {alarms}
-({unworn} hands); names under swings of temperature alone {swayed}. A look took {seconds:.0f} s of one core (median).
+({unworn} hands); names under swings of temperature alone {swayed}. In {silent} looks the joint had
+too little motion clear of contacts, and was not judged. A look took {seconds:.0f} s of one core (median).
 
 Names under swings of temperature are changes of friction that were there, but are no wear: one comparison cannot know.
 The history can (`twin versions history --covariate FILE.csv`, [versions.md](versions.md)).
