@@ -31,6 +31,7 @@ from tests.web.browser import Browser, ChromiumTab, chromium
 from twin_daemon.cli.children import free_port
 from twin_daemon.resources import twin_command
 
+_CORES = os.sched_getaffinity(0)  # before driver and daemon keep to one of them
 _FRAMES, _IN_SPACE = (f"Number(document.documentElement.dataset.{name} ?? 0)" for name in ("frames", "spaceFrames"))
 
 
@@ -52,12 +53,12 @@ def workbench(endpoint: str, folder: Path) -> Iterator[tuple[str, psutil.Process
 
 @contextlib.contextmanager
 def ordinary() -> Iterator[None]:
-    """What is started within has no more right to the processor than other work, and any core of it."""
+    """What is started within has no more right to the processor than other work, and any core of the bench."""
     policy, priority, cores = os.sched_getscheduler(0), os.sched_getparam(0), os.sched_getaffinity(0)
     nice = os.getpriority(os.PRIO_PROCESS, 0)
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     os.setpriority(os.PRIO_PROCESS, 0, max(nice, 0))
-    os.sched_setaffinity(0, range(os.cpu_count() or 1))
+    os.sched_setaffinity(0, _CORES)
     try:
         yield
     finally:

@@ -24,7 +24,7 @@ export const panel = made("div", { className: "panel hand" }, key, overlays.cont
 
 interface Stage {
   renderer: three.WebGLRenderer; scene: three.Scene; camera: three.PerspectiveCamera; controls: CameraControls; hands: three.Group[][];
-  meshes: three.Mesh[]; joints: number[][]; wanted: boolean; placed: boolean; version: string; described: Described;
+  meshes: three.Mesh[]; wanted: boolean; placed: boolean; version: string; described: Described;
 }
 let fineness = 1, faces = 1, byCard = true, unable = false, stage: Stage | null = null, residuals: (number | null)[] = [], frames = 0, saidAt = 0, loading = "";
 
@@ -55,7 +55,7 @@ async function build(): Promise<void> {
   controls.dollyToCursor = true;
   controls.smoothTime = 0.08;
   controls.draggingSmoothTime = 0.03;
-  stage = { renderer, scene, camera, controls, hands: [], meshes: [], joints: [], wanted: true, placed: false, version: "", described };
+  stage = { renderer, scene, camera, controls, hands: [], meshes: [], wanted: true, placed: false, version: "", described };
   controls.addEventListener("update", () => { stage!.wanted = true; });
   new ResizeObserver(fit).observe(holder);
   populate(stage, described, version);
@@ -75,7 +75,7 @@ function drawsInSpace(): "card" | "software" | null {
 function populate(on_: Stage, described: Described, version: string): void {
   for (const group of on_.hands.flat()) on_.scene.remove(group);
   for (const { geometry } of on_.meshes) geometry.dispose(); // both hands have the same ones
-  Object.assign(on_, { joints: described.joints, meshes: [], version, described });
+  Object.assign(on_, { meshes: [], version, described });
   const shapes = geometries(described, faces);
   on_.hands = [false, true].map((ghost) => {
     const bodies = Array.from({ length: described.bodies }, () => new three.Group());
@@ -105,7 +105,7 @@ function paint(): void {
   if (!stage) return;
   const base = new three.Color(colour("link")), bad = new three.Color(colour("bad")), ghost = new three.Color(colour("accent"));
   let worst = { residual: 0, name: "" };
-  const shares = stage.joints.map((columns) => {
+  const shares = stage.described.joints.map((columns) => {
     const found = columns.map((joint) => [Math.abs(residuals[joint] ?? 0), facts.joints[joint]] as const).sort((a, b) => b[0] - a[0])[0];
     if (!found) return 0;
     if (found[0] > worst.residual) worst = { residual: found[0], name: found[1] };
@@ -117,7 +117,7 @@ function paint(): void {
       const look = mesh.material as three.MeshLambertMaterial;
       look.color.copy(hand ? ghost : base);
       if (!hand) look.color.lerp(bad, shares[body]);
-      look.emissive.copy(ghost).multiplyScalar(!hand && stage!.joints[body].includes(chosen) ? 0.25 : 0);
+      look.emissive.copy(ghost).multiplyScalar(!hand && stage!.described.joints[body].includes(chosen) ? 0.25 : 0);
     }
   }));
   stage.wanted = true;
@@ -145,7 +145,7 @@ function pose(both: ArrayLike<number>[]): void {
 function frame(smooth = true): void {
   if (!stage) return;
   const box = new three.Box3();
-  const hand = new Set<number>(stage.joints.flatMap((columns, body) => (columns.length ? [body] : [])));
+  const hand = new Set<number>(stage.described.joints.flatMap((columns, body) => (columns.length ? [body] : [])));
   stage.scene.updateMatrixWorld(true);
   for (const mesh of stage.meshes) if (hand.has(mesh.userData.body)) box.expandByObject(mesh);
   if (box.isEmpty()) return;
@@ -173,7 +173,7 @@ function tick(at: number): void {
   before = at;
   if (!moved && !stage.wanted) return;
   stage.wanted = false;
-  // a machine that does not keep up draws fewer points rather than fewer moments; without a card, corners are what takes long
+  // a machine that does not keep up draws fewer points rather than fewer moments; without a card, vertices are what takes long
   slow = at - drawnAt < 400 ? 0.9 * slow + 0.1 * (at - drawnAt) : slow;
   drawnAt = at;
   if (slow > 45 && (byCard ? fineness > 0.5 : faces > 0.4)) {
@@ -232,7 +232,7 @@ function picked(event: PointerEvent): void {
   const box = canvas.getBoundingClientRect(), ray = new three.Raycaster();
   ray.setFromCamera(new three.Vector2((2 * (event.clientX - box.left)) / box.width - 1, 1 - (2 * (event.clientY - box.top)) / box.height), stage.camera);
   const hit = ray.intersectObjects(stage.meshes)[0];
-  const columns = hit ? stage.joints[hit.object.userData.body] : [];
+  const columns = hit ? stage.described.joints[hit.object.userData.body] : [];
   const worst = [...columns].sort((a, b) => Math.abs(residuals[b] ?? 0) - Math.abs(residuals[a] ?? 0))[0];
   if (worst !== undefined) select({ joint: facts.joints[worst] });
 }

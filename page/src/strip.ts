@@ -13,6 +13,8 @@ function look(): Record<string, string> {
 
 type Row = (number | null)[];
 type Pen = CanvasRenderingContext2D;
+type Point = [number, number];
+const slope = (from: Point, to: Point) => (to[1] - from[1]) / (to[0] - from[0]);
 
 export function draw(canvas: HTMLCanvasElement, times: number[], measured: Row, predicted: Row, seconds: number): void {
   const ratio = devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
@@ -61,7 +63,7 @@ function curve(pen: Pen, times: number[], values: Row, x: (time: number) => numb
   pen.lineWidth = 1.5;
   pen.setLineDash(dash);
   pen.beginPath();
-  let from: [number, number] | null = null, to: [number, number] = [0, 0], least = -Infinity, most = Infinity;
+  let from: Point | null = null, to: Point = [0, 0], least = -Infinity, most = Infinity;
   for (let at = 0; at < times.length; at += 1) {
     const value = values[at];
     if (value === null) {
@@ -69,19 +71,18 @@ function curve(pen: Pen, times: number[], values: Row, x: (time: number) => numb
       from = null;
       continue;
     }
-    const point: [number, number] = [x(times[at]), y(value)];
+    const point: Point = [x(times[at]), y(value)];
     if (!from) {
       pen.moveTo(...point);
       [from, least, most] = [point, -Infinity, Infinity];
     } else {
-      let slope = (point[1] - from[1]) / (point[0] - from[0]);
-      if (slope < least || slope > most) {
+      const steep = slope(from, point);
+      if (!(steep >= least && steep <= most)) { // neither is so of two points at the same place
         pen.lineTo(...to);
         [from, least, most] = [to, -Infinity, Infinity];
-        slope = (point[1] - from[1]) / (point[0] - from[0]);
       }
-      const slack = UNSEEN_PX / (point[0] - from[0]);
-      [least, most] = [Math.max(least, slope - slack), Math.min(most, slope + slack)];
+      const slack = UNSEEN_PX / (point[0] - from[0]), now = slope(from, point);
+      [least, most] = [Math.max(least, now - slack), Math.min(most, now + slack)];
     }
     to = point;
   }

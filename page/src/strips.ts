@@ -27,7 +27,7 @@ let held = false, news = false, waiting = 0, sorted = 0, before = 0, next = 0, s
 export function toggle(): void {
   held = !held;
   hold.setAttribute("aria-pressed", String(held));
-  if (held) for (const [joint] of strips) drawn(joint); // all of one moment, whichever is looked at then
+  if (held && panel.offsetParent !== null) for (const joint of strips.keys()) drawn(joint); // all of one moment, whichever is looked at then
 }
 
 function drawn(joint: number): void {

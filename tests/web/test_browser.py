@@ -86,6 +86,13 @@ def test_the_story(workbench: Any, processes: Twin, browser: Browser, worn: Path
         "those out of sight show what was held, too"
     )
     tab.run("document.getElementById('strips-hold').click()")
+    show(tab, "plots")
+    tab.until("!document.querySelector('#strips canvas')?.checkVisibility()")
+    tab.key("h")  # held while out of sight: it shows what was drawn last
+    show(tab, "strips")
+    tab.until("document.querySelector('#strips canvas')?.checkVisibility()")
+    assert tab.run("document.querySelector('#strips canvas').width > 0")
+    tab.key("h")
     rows = "[...document.querySelectorAll('#joints tr')].map((row) => [...row.children].map((one) => one.textContent))"
     first = {row[0]: row[1] for row in tab.run(rows)}
     assert len(first) == 24

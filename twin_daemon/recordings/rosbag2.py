@@ -9,6 +9,7 @@ from pathlib import Path
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.store import Typestore
 
 from twin_daemon.recordings.bag import Contents, read_topics
 from twin_daemon.recordings.mcap_chunks import ChunkedBag
@@ -45,9 +46,13 @@ def read_ros2(path: Path) -> Contents:
     return contents
 
 
+def message_types() -> Typestore:
+    """The types of ROS 2: what is read here is the same in every distribution. The first call loads their modules."""
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
 def _read(readers: Sequence[Reader]) -> Contents:
-    # what is read here is the same in every distribution
-    typestore = get_typestore(Stores.ROS2_JAZZY)
+    typestore = message_types()
     if chunked := ChunkedBag.of(readers):
         return read_topics(chunked, typestore, ros1=False)
     if len(readers) == 1:

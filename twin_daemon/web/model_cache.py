@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from rosbags.typesys import Stores, get_typestore
 
 from twin_daemon.comparison.compare import Comparison, compare_recording, shifted
 from twin_daemon.errors import BadInput
 from twin_daemon.hand import Hand
 from twin_daemon.recordings import load_joint_map, load_offered
+from twin_daemon.recordings.rosbag2 import message_types
 from twin_daemon.signals.trajectory import load_trajectory
 from twin_daemon.simulation.alignment import Aligned, align
 from twin_daemon.simulation.terms import Terms
@@ -42,7 +42,7 @@ class ModelCache:
         self._names = load_joint_map(joint_map) if joint_map else None
         self.nominal = TwinModel.load(hand)
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="twin-workbench-roll-out", initializer=_step_back)
-        self._worker.submit(get_typestore, Stores.ROS2_JAZZY)  # the first bag would wait for its modules
+        self._worker.submit(message_types)  # the first bag would wait for them
         self._lock = threading.Lock()
         self._recordings: OrderedDict[Hashable, Future[Aligned]] = OrderedDict()
         self._comparisons: OrderedDict[Hashable, Future[Comparison]] = OrderedDict()
