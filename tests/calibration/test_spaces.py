@@ -132,7 +132,7 @@ def test_a_parameter_starts_where_the_model_has_it_before_its_effects(twin: Twin
     [
         ({"kind": "backlsh.gap", "of": ["moving"]}, "Did you mean 'backlash'"),
         ({"kind": "sensor_offset.offst", "of": ["moving"]}, "Did you mean 'offset'"),
-        ({"kind": "backlash.gap", "of": ["driving"]}, "3 parameters.*effects"),
+        ({"kind": "backlash.gap", "of": ["driving"]}, "4 parameters.*effects"),
         ({"kind": "dampin", "of": ["moving"]}, "Did you mean 'damping'"),
         ({"kind": "damping", "of": ["rh_XXJ3"]}, "no joint or command 'rh_XXJ3'"),
         ({"kind": "damping", "of": ["moving"], "lower": -1.0}, "not physical.*Allowed"),

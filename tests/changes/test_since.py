@@ -15,7 +15,7 @@ import pytest
 from tests.simulation.made import Motion, recorded, saved
 from twin_daemon.changes.group import Sessions, begun, group_of
 from twin_daemon.changes.group_search import asks_for_an_effect
-from twin_daemon.changes.quantities import quantities, with_companions
+from twin_daemon.changes.quantities import quantities, term_of, with_companions
 from twin_daemon.cli.app import main
 from twin_daemon.estimation.partition import Reduction
 from twin_daemon.hand import load_hand
@@ -175,6 +175,26 @@ def test_a_load_that_has_been_put_on_is_one_change_of_all_joints_that_carry_it(
     assert change["before"]["value"] is None
 
 
+@pytest.mark.slow
+def test_a_tendon_that_has_become_softer_is_no_weaker_servo_where_the_motor_shows(model: Path, tmp_path: Path) -> None:
+    """The earlier session shows that there is one: what it takes off that session is no evidence of a change."""
+    given = ["--model", str(model)]
+    for seed, (option, motion, stiffness) in enumerate((("--baseline", _HEALTHY, 6.0), ("--recording", _NOW, 3.6))):
+        values = {"stiffness": stiffness, "motor_share": 0.05, "damping_share": 0.6}
+        tendon = EffectTerm(effect="tendon_elasticity", target=JOINT, values=values)
+        plant = TwinModel.load(load_hand(model=model)).changed(Terms(parameters=OFF, effects=(tendon,))).at_step(0.0005)
+        one = recorded(plant, motion, np.random.default_rng(seed), seconds=7.0, noise_rad=1e-3, name=f"bag{seed}")
+        given += [option, str(saved(one, tmp_path / f"bag{seed}.mcap"))]
+    path = tmp_path / "found.json"
+    assert main(["diagnose", *given, "--json", str(path)]) == 0
+    found = json.loads(path.read_text())
+    first = found["changes"][0]
+    named = {first["effect"], *(rival.partition(":")[0] for rival in first["rivals"])}
+    assert "tendon_elasticity" in named <= {"tendon_elasticity", "actuator_gain"}
+    if first["effect"] == "tendon_elasticity":
+        assert first["ratio"]["ci95"][0] < 0.6 < first["ratio"]["ci95"][1]
+
+
 def test_what_is_said_beside_an_effect_is_no_change_of_its_own(model: Path) -> None:
     every = quantities(TwinModel.load(load_hand(model=model)), (JOINT,))
     names = [quantity.name for quantity in every]
@@ -184,6 +204,12 @@ def test_what_is_said_beside_an_effect_is_no_change_of_its_own(model: Path) -> N
     stiffens = next(quantity for quantity in every if quantity.effect == "nonlinear_spring")
     term = stiffens.term(1.0, {"centre": 0.4})
     assert term.values == {"cubic": pytest.approx(stiffens.typical), "centre": 0.4}
+    gives = next(
+        index for index, quantity in enumerate(every) if quantity.name == f"tendon_elasticity:{JOINT}.stiffness"
+    )
+    braked = term_of(every, gives, np.where(np.arange(len(every)) == gives, 0.5, 0.0))
+    assert braked.values["stiffness"] == pytest.approx(2.0 * every[gives].typical)
+    assert braked.values["damping_share"] == pytest.approx(0.5), "where nothing is known of it"
 
 
 def test_where_nothing_has_changed_nothing_is_named_and_what_would_have_been_seen_is_said(

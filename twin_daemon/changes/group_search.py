@@ -10,7 +10,7 @@ import numpy as np
 from twin_daemon.changes.group import Group
 from twin_daemon.changes.joint_fit import Fit, Pair
 from twin_daemon.changes.quantities import Quantity, with_companions
-from twin_daemon.changes.sag import softer_tendons
+from twin_daemon.changes.sag import least_apart, softer_tendons
 from twin_daemon.changes.sessions import Session
 from twin_daemon.changes.thresholds import (
     APPEARS,
@@ -82,7 +82,9 @@ def _select(group: Group, price: float) -> GroupFound:
         if chosen and gained < FURTHER_SHARE * evidence[chosen[0]]:
             break
         rivals[best] = tuple(
-            i for i, f in fits.items() if i != best and fits[best].log_evidence - f.log_evidence < apart
+            i
+            for i, f in fits.items()
+            if i != best and fits[best].log_evidence - f.log_evidence < max(apart, least_apart(f.pair, best, i))
         )
         evidence[best] = gained
         chosen, found = (*chosen, best), fits[best]
@@ -188,7 +190,44 @@ def _tried(
         # where the finalists have not kept what they promised, the next best is asked, until the best has been refitted
         top = max(posterior, key=posterior.__getitem__)
         asked = [top] if top in worth and top not in fits else []
+    beside = _beside_the_same(fit, fits, chosen)
+    for index, found in softer_tendons(beside, chosen).items():
+        if index not in fits or found.log_evidence > fits[index].log_evidence:
+            beside[index] = _ended(found, (*chosen, index), fits)
+    none = max(none, _best_without(fit, list(beside.values()), chosen))
+    fits |= {i: found for i, found in beside.items() if i not in fits or found.log_evidence > fits[i].log_evidence}
+    posterior |= {i: found.log_evidence - none + _odds_before(pair, i, price) for i, found in fits.items()}
     return fits, posterior
+
+
+def _beside_the_same(fit: Fit, fits: Mapping[int, Fit], chosen: tuple[int, ...]) -> dict[int, Fit]:
+    """Other changes, of what there is anyway, where both sessions have the effect of the best one.
+
+    An effect that changes is in the models of both sessions, and what it takes off the earlier one is no evidence of
+    its change: others are held against it where they have that, too. Each is begun where the best one has ended, and
+    there with its own change in that one's place.
+    """
+    first = max(fits, key=lambda i: fits[i].log_evidence, default=None)
+    if first is None or fits[first].pair.now.active == fit.pair.now.active:
+        return {}
+    best, found = fits[first], {}
+    for index, quantity in enumerate(best.pair.now.quantities):
+        if not quantity.wears or index in (*chosen, first) or not _is_present(best.pair, index):
+            continue
+        changed = (*chosen, index)
+        begun = [best, *([_instead(best, first, fits[index], index)] if index in fits else [])]
+        if max(one.expected(changed)[1] for one in begun) > best.log_evidence - COMPARABLE_NATS:
+            found[index] = max((best.pair.fit(changed, one) for one in begun), key=lambda one: one.log_evidence)
+    return found
+
+
+def _instead(best: Fit, first: int, other: Fit, index: int) -> Fit:
+    """Where the best change has ended, with another one as it has been found in its place."""
+    point = best.point.copy()
+    point[best.pair.count + first] = 0.0
+    point[best.pair.count + index] = other.point[other.pair.count + index]
+    rows = best.pair.rows(point)
+    return Fit(best.pair, point, rows, best.pair.slopes(point, rows), frozenset())
 
 
 def _odds_before(pair: Pair, index: int, price: float) -> float:

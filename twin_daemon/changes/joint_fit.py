@@ -139,6 +139,12 @@ class Pair:
         before = self.before.with_quantity(index, quantity) if self.before else None
         return Pair(before, self.now.with_quantity(index, quantity), self.means[: self.count], self._shared)
 
+    def corrected_at(self, point: np.ndarray) -> Pair:
+        """The same with the error of the time step as it is at a point of both sessions."""
+        before, now = self.points(point)
+        earlier = self.before.corrected_at(before) if self.before else None
+        return Pair(earlier, self.now.corrected_at(now), self.means[: self.count], self._shared)
+
     def baseline_only(self) -> Pair:
         """The earlier session alone, as a pair that has no later one to explain."""
         assert self.before is not None
@@ -182,7 +188,7 @@ class Pair:
         """
         changed = frozenset(changed)
         active = self.now.active
-        if begun is None or begun.pair.now.active != active:
+        if begun is None or begun.pair.now.active != active or begun.pair.now.corrections is not self.now.corrections:
             point = self._within(self.start if begun is None else begun.point)
             rows = self.rows(point)
             slopes = self.slopes(point, rows)
@@ -204,9 +210,9 @@ class Pair:
 
         What sticks and slips makes corners in the cost, and two descents that end on either side of one differ by it.
         """
-        spread = np.sqrt(np.diag(fit.covariance))
+        along = np.linalg.cholesky(fit.covariance)
         draws = NEARBY * np.random.default_rng(0).standard_normal((int(DRAWN), len(fit.point)))
-        points = [self._within(fit.point + spread * draw) for draw in draws]
+        points = [self._within(fit.point + along @ draw) for draw in draws]
         costs = [Fit(self, point, self.rows(point), fit.slopes, fit.changed).cost for point in points]
         return 0.5 * float(np.sqrt(np.mean((np.array(costs) - fit.cost) ** 2)))
 

@@ -10,6 +10,8 @@ import numpy as np
 from twin_daemon.changes.thresholds import (
     ABSENT,
     CREEPS,
+    DAMPING_SHARE,
+    DAMPING_SHARE_SIGMA,
     MOTOR_SHARE,
     SHARED_SIGMA,
     SHARED_UNITS,
@@ -78,7 +80,7 @@ class Quantity:
         """In `unit`; None for the stiffness of what is rigid."""
         if self.is_parameter:
             return float(self.nominal * np.exp(z))
-        if self.effect == "tendon_elasticity":
+        if self.parameter == "stiffness" and self.effect == "tendon_elasticity":
             return float(self.typical / z) if z > 0.0 else None
         return float(self.nominal + z * self.typical)
 
@@ -190,13 +192,16 @@ def _effect(twin: TwinModel, key: str, target: str, joints: Sequence[str]) -> Qu
 
 
 def _beside(twin: TwinModel, owner: Quantity) -> tuple[Quantity, ...]:
-    """What else says how an effect acts: a spring's preload, and the angle about which one that stiffens is slack."""
+    """What else says how an effect acts: a spring's preload, the angle about which one that stiffens is slack, and how
+    much of a joint's damping is on the motor's side of what gives."""
     scale = twin.scale(owner.target)
     if owner.effect == "spring":
         return (_companion(owner, "preload", 0.01 * scale.kp, 0.0, SPIKE_UNITS, SLAB_UNITS),)
     if owner.effect == "nonlinear_spring":
         middle = 0.5 * (scale.lower + scale.upper)
         return (_companion(owner, "centre", 0.25 * scale.span, middle, ABSENT, ABSENT),)
+    if owner.effect == "tendon_elasticity":
+        return (_companion(owner, "damping_share", DAMPING_SHARE_SIGMA, DAMPING_SHARE, ABSENT, ABSENT),)
     return ()
 
 

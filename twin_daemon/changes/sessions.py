@@ -86,11 +86,18 @@ class Session:
         other.weights = self.weights
         return other
 
+    def corrected_at(self, point: np.ndarray) -> Session:
+        """The same with the error of the model's time step as it is at a point, with its active effects."""
+        problem = self._problem({i: float(point[i]) for i in self._effects}).corrected(())
+        corrections = problem.corrections_at(self._units(point))
+        other = replace(self, corrections=corrections, columns=dict(self.columns))
+        other.weights = self.weights
+        return other
+
     # -- residuals -----------------------------------------------------------------------------------------
 
     def gaps(self, points: np.ndarray) -> np.ndarray:
         """(B, m) rad: measured minus predicted of all pieces and joints, for points (B, q + o)."""
-        count = len(self.quantities)
         amounts = {tuple(p[i] if i in self.active else 0.0 for i in self._effects) for p in points}
         out = np.empty((len(points), sum(self._sizes) * len(self.joints)))
         for amount in amounts:
@@ -100,24 +107,18 @@ class Session:
                 if tuple(p[i] if i in self.active else 0.0 for i in self._effects) == amount
             ]
             problem = self._problem(dict(zip(self._effects, amount, strict=True)))
-            units = np.array(
-                [
-                    [
-                        *(
-                            v.coordinate(float(np.exp(z)))
-                            for v, z in zip(self._factors, points[row][self._parameters], strict=True)
-                        ),
-                        *(v.coordinate(float(s)) for v, s in zip(self.onsets, points[row][count:], strict=True)),
-                    ]
-                    for row in rows
-                ]
-            )
-            found = problem.joint_residuals(units)
+            found = problem.joint_residuals(np.array([self._units(points[row]) for row in rows]))
             out[rows] = np.concatenate([gap.reshape(len(rows), -1) for gap in found], axis=1)
         for index, column in self.columns.items():
             if index not in self.active:
                 out += np.outer(points[:, index], column)
         return out
+
+    def _units(self, point: np.ndarray) -> np.ndarray:
+        """(p,) a point's parameters and delays as coordinates of the roll-outs' problem."""
+        factors, delays = np.exp(point[self._parameters]), point[len(self.quantities) :]
+        both = ((self._factors, factors), (self.onsets, delays))
+        return np.array([v.coordinate(float(x)) for group, values in both for v, x in zip(group, values, strict=True)])
 
     def rows(self, point: np.ndarray) -> np.ndarray:
         """(m,) residuals in standard deviations at a point."""

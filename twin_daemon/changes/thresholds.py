@@ -32,11 +32,11 @@ PARAMETER_STEP = Threshold(
 EFFECT_STEP = Threshold(0.15, "units", "of an effect's typical size, for its derivative once it is in the model")
 ONSET_STEP_S = Threshold(1e-3, "s", "for the derivative by a delay")
 FINALISTS = Count(2, "changes", "of parameters in a group that are refitted, and every effect that promises anything")
-MOTOR_SHARE = Threshold(0.1, "1", "of armature and damping on the motor's side, where a transmission gives or has play")
-OTHER_SHARES = tuple(
-    Threshold(share, "1", "of them, tried as well where a weaker servo would look like a softer tendon")
-    for share in (0.02, 0.5)
+MOTOR_SHARE = Threshold(0.1, "1", "of armature on the motor's side, where a transmission gives or has play")
+DAMPING_SHARE = Threshold(
+    0.5, "1", "of a joint's damping on the motor's side of a transmission that gives, as it is believed at first"
 )
+DAMPING_SHARE_SIGMA = Threshold(0.25, "1", "of that share: one standard deviation of what is believed")
 CREEPS = tuple(
     Threshold(
         creep, "1", "of the joint's own friction at rest: laws of load friction that are tried, held and creeping"
@@ -62,6 +62,9 @@ MOST_PRESENT = Count(2, "effects", "that are put into it")
 NAMED = Threshold(0.9, "1", "probability from which a change is called one")
 POSSIBLE = Threshold(0.1, "1", "probability from which another change is said to explain the same")
 TOLD_APART_NATS = Threshold(3.0, "nats", "of evidence by which a change has to beat another that explains the same")
+IN_SERIES_NATS = Threshold(
+    10.0, "nats", "the same for a weaker servo and a softer tendon: what the motor's share of inertia may make of them"
+)
 NEARBY = Threshold(0.1, "sigma", "of the posterior, about a fit: how far points are that are as good as the same")
 DRAWN = Count(8, "points", "there, whose costs say how rough the cost is")
 ROUGH = Threshold(2.0, "1", "times that roughness is the least by which one change has to beat another, too")

@@ -11,7 +11,7 @@ import numpy as np
 from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Seen, Story
 from twin_daemon.effects.edits import servo_stiffness
 from twin_daemon.effects.silence import brakes_itself, separate_derivative, silent_within
-from twin_daemon.effects.transmission import MOTOR_SHARE, OVERLAP, implicit_spring, motor_side, moved_out
+from twin_daemon.effects.transmission import DAMPING_SHARE, MOTOR_SHARE, OVERLAP, implicit_spring, motor_side, moved_out
 
 _STIFF = 1000.0  # the ends of the gap over the servo
 _LOSS_STEPS = 5.0  # damping over stiffness at these ends, in time steps: they meet without rebound
@@ -37,6 +37,7 @@ class Backlash(Effect):
     parameters = (
         Parameter("gap", "rad", 0.0, 1.0, 0.0, 0.06, "angle that the motor turns at a reversal for nothing"),
         MOTOR_SHARE,
+        DAMPING_SHARE,
         Parameter(
             "braked",
             "1",
@@ -63,7 +64,7 @@ class Backlash(Effect):
                 separate_derivative(spec, place)
             silent_within(spec, place, 0.5 * values["gap"])
             return
-        link = motor_side(spec, place, values["motor_share"])
+        link = motor_side(spec, place, values)
         tie = spec.equality(link.tendon)
         if tie is None:
             stiffness = _STIFF * servo_stiffness(spec, place)

@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 
 from twin_daemon.effects.base import Effect, Parameter, Place, Reach, Scale, Story
-from twin_daemon.effects.transmission import MOTOR_SHARE, implicit_spring, motor_side
+from twin_daemon.effects.transmission import DAMPING_SHARE, MOTOR_SHARE, implicit_spring, motor_side
 
 _RIGID = 1e5
 _LOSS_S = 0.002  # damping over stiffness of the material
@@ -36,6 +36,7 @@ class TendonElasticity(Effect):
             reach=Reach("kp", 1e4),  # the range above is that of a servo of 10 N m/rad
         ),
         MOTOR_SHARE,
+        DAMPING_SHARE,
     )
     story = Story(
         what="The servo holds the motor, and between motor and joint something stretches.",
@@ -47,7 +48,7 @@ class TendonElasticity(Effect):
     confusable = ("actuator_gain", "backlash", "viscous_friction", "payload", "spring")
 
     def edit(self, spec: Any, place: Place, values: Mapping[str, float]) -> None:
-        link = motor_side(spec, place, values["motor_share"])
+        link = motor_side(spec, place, values)
         stiffness = values["stiffness"]
         solref, solimp = implicit_spring(spec, link.tendon, stiffness, _LOSS_S * stiffness)
         tie = spec.add_equality(name=link.tendon, type=mujoco.mjtEq.mjEQ_TENDON, name1=link.tendon)

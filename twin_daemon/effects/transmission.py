@@ -10,6 +10,7 @@ drives the sum of two joints, their difference gets as much on a tendon of its o
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +20,8 @@ import numpy as np
 from twin_daemon.effects.base import Parameter, Place, link_tendon, motor_joint
 from twin_daemon.effects.edits import keep_softness, linear
 
+_HARDLY = 1e-9  # N m s/rad: stands for none where a law has to be written
+_NO_STIFFNESS = 1e-12  # 1/s2: a constraint's law is given by its stiffness and damping where both are below 0
 _SMALLEST = 1e-6  # kg m2: a motor with less would not be a body to MuJoCo
 OVERLAP = 5e-4
 """rad or m: so early begin the ends of a gap, so that a closed one is held from both sides at once."""
@@ -45,12 +48,16 @@ def pulled_joints(spec: Any, actuator: Any) -> dict[str, float]:
 MOTOR_SHARE = Parameter(
     "motor_share", "1", 0.02, 0.9, 0.5, 0.5, "part of armature and damping on the motor's side", log=True
 )
+DAMPING_SHARE = Parameter(
+    "damping_share", "1", 0.0, 0.9, 0.0, 0.0, "part of the joint's other damping that is the motor's, too", refines=True
+)
 
 
-def motor_side(spec: Any, place: Place, share: float) -> Link:
+def motor_side(spec: Any, place: Place, values: Mapping[str, float]) -> Link:
     """Gives the actuator a motor of its own, once. The link is a bare tendon: the caller makes it hold.
 
-    `share` of the joint's armature and damping becomes the motor's; the whole stays what it was.
+    `motor_share` of the joint's armature becomes the motor's, with as much damping as makes neither side faster than
+    the other, and `damping_share` of what damping the joint has beside that. The whole stays what it was.
     """
     name = link_tendon(place)
     if spec.tendon(name) is not None:
@@ -58,7 +65,8 @@ def motor_side(spec: Any, place: Place, share: float) -> Link:
     actuator = spec.actuator(place.actuator)
     driven = pulled_joints(spec, actuator)
     before = spec.compile()
-    damping, armature = _take_share(spec, place, share, before, {n: driven[n] for n in place.driven if n in driven})
+    own = {n: driven[n] for n in place.driven if n in driven}
+    damping, braked, armature = _take_shares(spec, place, values, before, own)
     body = spec.worldbody.add_body(name=motor_joint(place))
     body.explicitinertial = True
     body.mass = _SMALLEST
@@ -78,39 +86,66 @@ def motor_side(spec: Any, place: Place, share: float) -> Link:
         tendon.wrap_joint(n, -coefficient)
     actuator.trntype = mujoco.mjtTrn.mjTRN_JOINT
     actuator.target = joint.name
+    _brake(spec, motor_brake(place), joint.name, braked)
     keep_softness(spec, before, place.driven, () if place.tendon is None else (place.tendon,))
     return Link(name, made=True)
 
 
-def _take_share(spec: Any, place: Place, part: float, model: Any, driven: dict[str, float]) -> tuple[float, float]:
-    """(damping, armature) for the motor, taken from the joints so that motor and joints together have what was."""
+def motor_brake(place: Place) -> str:
+    """The name of the constraint that brakes a motor of its own, where there is one."""
+    return f"{motor_joint(place)}_brake"
+
+
+def _brake(spec: Any, name: str, joint: str, damping: float) -> None:
+    """Damping of a motor as a constraint, N m s/rad.
+
+    As the joint's own, MuJoCo adds it to the motor's inertia only after the force of the link has been found, which is
+    then too small by as much: a light motor that is braked keeps its speed for milliseconds.
+    """
+    model = spec.compile()
+    inverse_inertia = float(model.dof_invweight0[_dof(model, joint)])
+    brake = spec.add_equality(name=name, type=mujoco.mjtEq.mjEQ_JOINT, name1=joint)
+    brake.objtype = mujoco.mjtObj.mjOBJ_JOINT
+    brake.active = damping > 0.0  # it is there anyway: models of one structure are rolled out together
+    solref, solimp = implicit_step(float(spec.option.timestep), inverse_inertia, 0.0, max(damping, _HARDLY))
+    brake.solref, brake.solimp = np.minimum(solref, -_NO_STIFFNESS), solimp
+
+
+def _take_shares(
+    spec: Any, place: Place, values: Mapping[str, float], model: Any, driven: dict[str, float]
+) -> tuple[float, float, float]:
+    """(damping as a joint has it, damping beside that, armature) for the motor, taken from the joints.
+
+    Motor and joints together have what was.
+    """
+    part, beside = values[MOTOR_SHARE.name], values[DAMPING_SHARE.name]
     joints = [spec.joint(name) for name in driven]
     if len(joints) == 1:
         joint, size = joints[0], next(iter(driven.values()))
         armature = part * linear(joint, "armature")
         # as much damping by inertia on either side: neither is faster than the other in an implicit step
         damping = linear(joint, "damping") * armature / float(model.dof_M0[_dof(model, joint.name)])
-        _subtract(joint, "damping", damping)
+        braked = beside * (linear(joint, "damping") - damping)
+        _subtract(joint, "damping", damping + braked)
         _subtract(joint, "armature", armature)
-        return damping / size**2, max(armature / size**2, _SMALLEST)
+        return damping / size**2, braked / size**2, max(armature / size**2, _SMALLEST)
     sizes = {abs(coefficient) for coefficient in driven.values()}
+    weakest = {attribute: min(linear(joint, attribute) for joint in joints) for attribute in ("damping", "armature")}
     if len(joints) != 2 or len(sizes) != 1:  # no such balance is known here: a light motor comes on top
-        weakest = min(linear(joint, "armature") for joint in joints)
-        return 0.05 * min(linear(joint, "damping") for joint in joints), max(0.05 * weakest, _SMALLEST)
+        return 0.05 * weakest["damping"], 0.0, max(0.05 * weakest["armature"], _SMALLEST)
     # diag(2, 2) = [1 1; 1 1] on the motor, which sees the sum, + [1 -1; -1 1] on the difference
     size = sizes.pop()
     difference = spec.add_tendon(name=f"{place.actuator}_difference")
     (first, one), (second, other) = driven.items()
     difference.wrap_joint(first, one / size)
     difference.wrap_joint(second, -other / size)
-    shares = []
-    for attribute in ("damping", "armature"):
-        share = 0.5 * part * min(linear(joint, attribute) for joint in joints)
-        for joint in joints:
-            _subtract(joint, attribute, 2.0 * share)
-        shares.append(share)
-    difference.damping[0], difference.armature = shares
-    return shares[0] / size**2, max(shares[1] / size**2, _SMALLEST)
+    damping, armature = 0.5 * part * weakest["damping"], 0.5 * part * weakest["armature"]
+    braked = beside * (0.5 * weakest["damping"] - damping)
+    for joint in joints:
+        _subtract(joint, "damping", 2.0 * (damping + braked))
+        _subtract(joint, "armature", 2.0 * armature)
+    difference.damping[0], difference.armature = damping + braked, armature
+    return damping / size**2, braked / size**2, max(armature / size**2, _SMALLEST)
 
 
 def _subtract(joint: Any, attribute: str, share: float) -> None:
@@ -139,6 +174,14 @@ def implicit_step(h: float, inverse_inertia: float, stiffness: float, damping: f
     impedance = np.clip(1.0 / (1.0 + 1.0 / (h * c * inverse_inertia)), 1e-4, 0.9999)
     solref = -impedance * np.array([stiffness / (h * c), 1.0 / h])
     return solref, np.array([impedance, impedance, 0.001, 0.5, 2.0])
+
+
+def implicit_law(solref: np.ndarray, solimp: np.ndarray, h: float, inverse_inertia: float) -> tuple[float, float]:
+    """(stiffness, damping) that `implicit_step` has made these of."""
+    impedance = float(solimp[0])
+    c = impedance / ((1.0 - impedance) * h * inverse_inertia)
+    stiffness = float(solref[0] / solref[1]) * c
+    return stiffness, c - h * stiffness
 
 
 def moved_out(width: float) -> float:

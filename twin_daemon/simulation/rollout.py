@@ -15,6 +15,7 @@ import numpy as np
 from mujoco import batch
 
 from twin_daemon.processor_time import thread_count
+from twin_daemon.simulation.motors import has_motors, settle_motors
 from twin_daemon.simulation.turns import Bent
 
 # A chunk of simulations keeps its controls and positions in memory at once; this bounds both.
@@ -61,8 +62,9 @@ def roll_out(
     during step k; actuators beyond its columns get 0. `qpos` is (B or 1, nq), `qvel` (B or 1, nv), zero where
     not given. `applied` (B or 1, T, nv) are generalised forces beside those of the actuators. Delay buffers
     and filters start as `before` (B or 1, H, nu), the controls of the steps before, has left them; without it as if
-    the hand had been told the first control for ever. Bristles of dry friction start relaxed, or with `loaded` bent by
-    what they hold, or by the motion before as far as `turns` says for a degree of freedom. From the step at which
+    the hand had been told the first control for ever. With `loaded` motors behind a transmission begin where they
+    carry their load, and bristles of dry friction bent by what they hold, or by the motion before as far as `turns`
+    says for a degree of freedom; without it they begin relaxed, and motors where `qpos` says. From the step at which
     MuJoCo warns (a state that is not finite or diverges) a simulation's positions are NaN.
     """
     count = max(len(models), len(controls), len(qpos))
@@ -76,7 +78,7 @@ def roll_out(
     out = np.empty((count, steps + 1, first.nq))
     runner = batch.Batch(first, chunk, threads or thread_count())
     # without anything that remembers a state is its position, velocity and control: an MjData costs more than they do
-    plain = not remembers(first) and not (loaded and _bristles(first).size)
+    plain = not remembers(first) and not has_motors(first) and not (loaded and _bristles(first).size)
     kept = None if plain else mujoco.MjData(first)
     fresh, places = runner.state[0].copy(), [place_in_state(first, component) for component in (_QPOS, _QVEL, _CTRL)]
     for start in range(0, count, chunk):
@@ -140,6 +142,7 @@ def initial_state(
     if before is not None:
         recall_commands(model, data, before)
     if loaded:
+        settle_motors(model, data)
         settle_bristles(model, data, turns or {})
     state = np.empty(mujoco.mj_stateSize(model, _WHOLE))
     mujoco.mj_getState(model, data, state, _WHOLE)
