@@ -24,7 +24,7 @@ SLAB_UNITS = Threshold(1.0, "units", "of that size: an effect that has appeared 
 
 # -- the search ----------------------------------------------------------------------------------------------
 
-ROUNDS = Count(8, "steps", "of Gauss-Newton in roll-outs, at most")
+ROUNDS = Count(24, "steps", "of Gauss-Newton in roll-outs, at most")
 SETTLED_NATS = Threshold(0.2, "nats", "that a step has to gain to be followed by another")
 PARAMETER_STEP = Threshold(
     0.03, "1", "of the logarithm of a parameter, for a derivative: across what friction roughens"
