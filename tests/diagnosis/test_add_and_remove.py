@@ -67,7 +67,12 @@ def test_what_is_set_is_not_fitted(sound: Path, tmp_path: Path) -> None:
         result=tmp_path / "a.json",
     )  # fmt: skip
     assert result["parameters"] == {}
-    assert result["terms"]["effects"][0]["values"] == {"gap": 0.01, "motor_share": 0.3, "damping_share": 0.0, "braked": 0.0}
+    assert result["terms"]["effects"][0]["values"] == {
+        "gap": 0.01,
+        "motor_share": 0.3,
+        "damping_share": 0.0,
+        "braked": 0.0,
+    }
 
 
 def test_an_exported_twin_with_effects_moves_like_the_twin(tmp_path: Path, twin: TwinModel) -> None:
