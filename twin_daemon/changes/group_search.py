@@ -11,6 +11,7 @@ from twin_daemon.changes.group import Group
 from twin_daemon.changes.joint_fit import Fit, Pair
 from twin_daemon.changes.quantities import Quantity, with_companions
 from twin_daemon.changes.sag import least_apart, softer_tendons
+from twin_daemon.changes.same_model import beside_the_same
 from twin_daemon.changes.sessions import Session
 from twin_daemon.changes.thresholds import (
     APPEARS,
@@ -153,7 +154,7 @@ def _tried(
     odds: dict[int, float] = {}
     begun: dict[int, list[Fit]] = {}
     for index, quantity in enumerate(pair.now.quantities):
-        if not quantity.wears or index in chosen or not (asked_for or _is_present(pair, index)):
+        if not quantity.wears or index in chosen or not (asked_for or pair.is_present(index)):
             continue
         for origin in (fit, *([start] if start is not None else [])):
             aim, evidence = origin.expected((*chosen, index))
@@ -190,7 +191,7 @@ def _tried(
         # where the finalists have not kept what they promised, the next best is asked, until the best has been refitted
         top = max(posterior, key=posterior.__getitem__)
         asked = [top] if top in worth and top not in fits else []
-    beside = _beside_the_same(fit, fits, chosen)
+    beside = beside_the_same(fit, fits, chosen)
     for index, found in softer_tendons(beside, chosen).items():
         if index not in fits or found.log_evidence > fits[index].log_evidence:
             beside[index] = _ended(found, (*chosen, index), fits)
@@ -200,39 +201,9 @@ def _tried(
     return fits, posterior
 
 
-def _beside_the_same(fit: Fit, fits: Mapping[int, Fit], chosen: tuple[int, ...]) -> dict[int, Fit]:
-    """Other changes, of what there is anyway, where both sessions have the effect of the best one.
-
-    An effect that changes is in the models of both sessions, and what it takes off the earlier one is no evidence of
-    its change: others are held against it where they have that, too. Each is begun where the best one has ended, and
-    there with its own change in that one's place.
-    """
-    first = max(fits, key=lambda i: fits[i].log_evidence, default=None)
-    if first is None or fits[first].pair.now.active == fit.pair.now.active:
-        return {}
-    best, found = fits[first], {}
-    for index, quantity in enumerate(best.pair.now.quantities):
-        if not quantity.wears or index in (*chosen, first) or not _is_present(best.pair, index):
-            continue
-        changed = (*chosen, index)
-        begun = [best, *([_instead(best, first, fits[index], index)] if index in fits else [])]
-        if max(one.expected(changed)[1] for one in begun) > best.log_evidence - COMPARABLE_NATS:
-            found[index] = max((best.pair.fit(changed, one) for one in begun), key=lambda one: one.log_evidence)
-    return found
-
-
-def _instead(best: Fit, first: int, other: Fit, index: int) -> Fit:
-    """Where the best change has ended, with another one as it has been found in its place."""
-    point = best.point.copy()
-    point[best.pair.count + first] = 0.0
-    point[best.pair.count + index] = other.point[other.pair.count + index]
-    rows = best.pair.rows(point)
-    return Fit(best.pair, point, rows, best.pair.slopes(point, rows), frozenset())
-
-
 def _odds_before(pair: Pair, index: int, price: float) -> float:
     """Log odds of a change before any motion is seen: less where there was nothing that could have changed."""
-    return price if _is_present(pair, index) else price + float(np.log(APPEARS))
+    return price if pair.is_present(index) else price + float(np.log(APPEARS))
 
 
 def _ended(found: Fit, changed: tuple[int, ...], others: Mapping[int, Fit]) -> Fit:
@@ -293,11 +264,6 @@ def asks_for_an_effect(fit: Fit) -> bool:
     return fit.strain * expected > expected + more if expected > 0.0 else True
 
 
-def _is_present(pair: Pair, index: int) -> bool:
-    """Whether the model of the earlier session has it."""
-    return pair.now.quantities[index].is_parameter or index in pair.now.active or pair.now.quantities[index].signed
-
-
 def _seen_from(fit: Fit, price: float) -> dict[int, float]:
     """By quantity the change of z from which its probability would have been SEEN, had nothing else changed."""
     found, least = {}, 0.5 * _by_chance(fit)[1]
@@ -307,7 +273,7 @@ def _seen_from(fit: Fit, price: float) -> dict[int, float]:
             variance = fit.said_of(index)[1]
             spike, slab = variance + spikes[index] ** 2, variance + quantity.slab**2
             asked = float(np.log(SEEN / (1.0 - SEEN))) - _odds_before(fit.pair, index, price)
-            asked = asked if _is_present(fit.pair, index) else max(asked, least)
+            asked = asked if fit.pair.is_present(index) else max(asked, least)
             asked += 0.5 * float(np.log(slab / spike)) if np.isfinite(variance) else np.inf
             found[index] = float(np.sqrt(2.0 * asked / (1.0 / spike - 1.0 / slab))) if np.isfinite(asked) else np.inf
     return found

@@ -139,11 +139,10 @@ class Pair:
         before = self.before.with_quantity(index, quantity) if self.before else None
         return Pair(before, self.now.with_quantity(index, quantity), self.means[: self.count], self._shared)
 
-    def corrected_at(self, point: np.ndarray) -> Pair:
-        """The same with the error of the time step as it is at a point of both sessions."""
-        before, now = self.points(point)
-        earlier = self.before.corrected_at(before) if self.before else None
-        return Pair(earlier, self.now.corrected_at(now), self.means[: self.count], self._shared)
+    def is_present(self, index: int) -> bool:
+        """Whether the model of the earlier session has it."""
+        quantity = self.now.quantities[index]
+        return quantity.is_parameter or quantity.signed or index in self.now.active
 
     def baseline_only(self) -> Pair:
         """The earlier session alone, as a pair that has no later one to explain."""
@@ -188,7 +187,7 @@ class Pair:
         """
         changed = frozenset(changed)
         active = self.now.active
-        if begun is None or begun.pair.now.active != active or begun.pair.now.corrections is not self.now.corrections:
+        if begun is None or begun.pair.now.active != active:
             point = self._within(self.start if begun is None else begun.point)
             rows = self.rows(point)
             slopes = self.slopes(point, rows)

@@ -86,14 +86,6 @@ class Session:
         other.weights = self.weights
         return other
 
-    def corrected_at(self, point: np.ndarray) -> Session:
-        """The same with the error of the model's time step as it is at a point, with its active effects."""
-        problem = self._problem({i: float(point[i]) for i in self._effects}).corrected(())
-        corrections = problem.corrections_at(self._units(point))
-        other = replace(self, corrections=corrections, columns=dict(self.columns))
-        other.weights = self.weights
-        return other
-
     # -- residuals -----------------------------------------------------------------------------------------
 
     def gaps(self, points: np.ndarray) -> np.ndarray:

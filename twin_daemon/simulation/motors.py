@@ -16,7 +16,7 @@ _JOINT = int(mujoco.mjtTrn.mjTRN_JOINT)
 @dataclass(frozen=True)
 class _Motor:
     """Ids of a motor's actuator, position, degree of freedom and link, and of the constraints that are an elastic link
-    (-1 where it has play, whose ends hold) and its brake."""
+    (-1 where it has play, whose ends hold) and its brake (-1 for none)."""
 
     actuator: int
     position: int
@@ -38,10 +38,8 @@ def settle_motors(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     carries within milliseconds, and the joint feels that as a jerk. Within its play it is where its servo holds it.
     """
     for motor in _motors(model):
-        angle, speed = (
-            _driven(model, motor, data.qpos, model.jnt_qposadr),
-            _driven(model, motor, data.qvel, model.jnt_dofadr),
-        )
+        angle = _driven(model, motor, data.qpos, model.jnt_qposadr)
+        speed = _driven(model, motor, data.qvel, model.jnt_dofadr)
         told, unstretched = _told(model, data, motor.actuator), angle
         if motor.tie < 0:
             least, most = model.tendon_range[motor.link]
@@ -113,7 +111,7 @@ def _stiffness(model: mujoco.MjModel, motor: _Motor) -> float:
 def _damping(model: mujoco.MjModel, motor: _Motor) -> float:
     """N m s/rad that brakes the motor itself."""
     own = float(model.dof_damping[motor.dof])
-    if not model.eq_active0[motor.brake]:
+    if motor.brake < 0 or not model.eq_active0[motor.brake]:
         return own
     solref, solimp = model.eq_solref[motor.brake], model.eq_solimp[motor.brake]
     step_s, inverse_inertia = float(model.opt.timestep), float(model.dof_invweight0[motor.dof])
