@@ -31,6 +31,7 @@ def test_real_sessions_months_apart_are_compared_with_intervals(shared_data: Pat
     folder = shared_data / "shadow_hand_real"
     trajectories = folder / "trajectories.yaml"
     for (older, first), (newer, second) in combinations(_sessions(folder), 2):
+        # the same motion comes in the same form: that of the fingers as a table, that of the thumb as a bag
         apart_s = (int(second.stamp_ns[0]) - int(first.stamp_ns[0])) * 1e-9
         if apart_s > MONTHS_S and set(first.joints) & set(second.joints) and older.suffix == newer.suffix:
             break

@@ -204,9 +204,7 @@ def test_what_is_said_beside_an_effect_is_no_change_of_its_own(model: Path) -> N
     stiffens = next(quantity for quantity in every if quantity.effect == "nonlinear_spring")
     term = stiffens.term(1.0, {"centre": 0.4})
     assert term.values == {"cubic": pytest.approx(stiffens.typical), "centre": 0.4}
-    gives = next(
-        index for index, quantity in enumerate(every) if quantity.name == f"tendon_elasticity:{JOINT}.stiffness"
-    )
+    gives = names.index(f"tendon_elasticity:{JOINT}.stiffness")
     braked = term_of(every, gives, np.where(np.arange(len(every)) == gives, 0.5, 0.0))
     assert braked.values["stiffness"] == pytest.approx(2.0 * every[gives].typical)
     assert braked.values["damping_share"] == pytest.approx(0.5), "where nothing is known of it"

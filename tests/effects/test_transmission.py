@@ -57,12 +57,8 @@ def test_a_light_motor_that_is_braked_follows_its_own_equation(tmp_path: Path, s
     controls[len(controls) // 8 :] = 0.5
     found = move(twin, controls)[:, 0]
 
-    inertia, armature, damping, loss = (
-        float(TwinModel.load(load_hand(model=path)).model.dof_M0[0]),
-        share * 0.004,
-        0.2,
-        0.002 * stiffness,
-    )
+    inertia = float(TwinModel.load(load_hand(model=path)).model.dof_M0[0])
+    armature, damping, loss = share * 0.004, 0.2, 0.002 * stiffness
     own = damping * armature / inertia
     brake = braked * (damping - own)
     q, v, m, w, expected, fine = 0.0, 0.0, 0.0, 0.0, [0.0], 2e-5

@@ -182,9 +182,7 @@ def _tried(
             better = first[: (len(first) + 1) // 2]  # what is far behind after a step is not followed
             begins = [one.pair.fit(changed, one, FIRST_ROUNDS - 1) for one in better]
             fits[index] = _ended(max(begins, key=lambda one: one.log_evidence), changed, fits)
-        for index, found in softer_tendons({i: fits[i] for i in asked}, chosen).items():
-            if index not in fits or found.log_evidence > fits[index].log_evidence:
-                fits[index] = _ended(found, (*chosen, index), fits)
+        fits |= _ended_tendons({i: fits[i] for i in asked}, chosen, fits)
         fitted = [found for index, found in fits.items() if found is not known.get(index)]
         none = max(none, _best_without(fit, fitted, chosen))
         posterior |= {i: found.log_evidence - none + _odds_before(pair, i, price) for i, found in fits.items()}
@@ -192,11 +190,10 @@ def _tried(
         top = max(posterior, key=posterior.__getitem__)
         asked = [top] if top in worth and top not in fits else []
     beside = beside_the_same(fit, fits, chosen)
-    for index, found in softer_tendons(beside, chosen).items():
-        if index not in fits or found.log_evidence > fits[index].log_evidence:
-            beside[index] = _ended(found, (*chosen, index), fits)
-    none = max(none, _best_without(fit, list(beside.values()), chosen))
-    fits |= {i: found for i, found in beside.items() if i not in fits or found.log_evidence > fits[i].log_evidence}
+    fits |= _better(beside, fits)
+    tendons = _ended_tendons(beside, chosen, fits)
+    fits |= tendons
+    none = max(none, _best_without(fit, [*beside.values(), *tendons.values()], chosen))
     posterior |= {i: found.log_evidence - none + _odds_before(pair, i, price) for i, found in fits.items()}
     return fits, posterior
 
@@ -210,6 +207,17 @@ def _ended(found: Fit, changed: tuple[int, ...], others: Mapping[int, Fit]) -> F
     """A change fitted to the end where it is comparable with the best of the others."""
     best = max((other.log_evidence for other in others.values()), default=-np.inf)
     return found.pair.fit(changed, found) if found.log_evidence > best - COMPARABLE_NATS else found
+
+
+def _better(found: Mapping[int, Fit], fits: Mapping[int, Fit]) -> dict[int, Fit]:
+    """Those that are of changes which have no fit so far, or explain more than theirs."""
+    return {i: one for i, one in found.items() if i not in fits or one.log_evidence > fits[i].log_evidence}
+
+
+def _ended_tendons(among: Mapping[int, Fit], chosen: tuple[int, ...], fits: Mapping[int, Fit]) -> dict[int, Fit]:
+    """Softer tendons in the place of gain that some fits have lost, which are better than what there is of them."""
+    better = _better(softer_tendons(among, chosen), fits)
+    return {index: _ended(one, (*chosen, index), fits) for index, one in better.items()}
 
 
 def _best_without(fit: Fit, fits: Collection[Fit], chosen: tuple[int, ...]) -> float:

@@ -92,7 +92,7 @@ def motor_side(spec: Any, place: Place, values: Mapping[str, float]) -> Link:
 
 
 def motor_brake(place: Place) -> str:
-    """The name of the constraint that brakes a motor of its own, where there is one."""
+    """The name of the constraint that brakes a motor of its own."""
     return f"{motor_joint(place)}_brake"
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from mujoco import batch
 
 from twin_daemon.processor_time import thread_count
-from twin_daemon.simulation.motors import has_motors, settle_motors
+from twin_daemon.simulation.motors import motors, settle_motors
 from twin_daemon.simulation.turns import Bent
 
 # A chunk of simulations keeps its controls and positions in memory at once; this bounds both.
@@ -78,7 +78,7 @@ def roll_out(
     out = np.empty((count, steps + 1, first.nq))
     runner = batch.Batch(first, chunk, threads or thread_count())
     # without anything that remembers a state is its position, velocity and control: an MjData costs more than they do
-    plain = not remembers(first) and not has_motors(first) and not (loaded and _bristles(first).size)
+    plain = not remembers(first) and not motors(first) and not (loaded and _bristles(first).size)
     kept = None if plain else mujoco.MjData(first)
     fresh, places = runner.state[0].copy(), [place_in_state(first, component) for component in (_QPOS, _QVEL, _CTRL)]
     for start in range(0, count, chunk):

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from twin_daemon.effects import LIBRARY, reload_files
-from twin_daemon.effects.base import Measurement, Place, Scale, link_tendon, motor_joint, silent_joint
+from twin_daemon.effects.base import Measurement, Place, Scale, silent_joint
 from twin_daemon.effects.mjcf_text import mjcf_text
 from twin_daemon.errors import BadInput, nearest
 from twin_daemon.hand.description import Hand
@@ -19,6 +19,7 @@ from twin_daemon.hand.naming import match
 from twin_daemon.places import HAND, ROBOT
 from twin_daemon.processes import never_changes
 from twin_daemon.simulation.model_elements import driven_joints, far_end, make_inertia_explicit, prepare
+from twin_daemon.simulation.motors import motors, unstretched
 from twin_daemon.simulation.parameters import KINDS, ParameterKind
 from twin_daemon.simulation.selfcontained import inline_meshes
 from twin_daemon.simulation.terms import EffectTerm, Terms
@@ -365,17 +366,11 @@ class TwinModel:
         known = np.isfinite(position)
         qpos[self.qpos_adr[known]] = np.asarray(position)[known]
         actuated = self.drive @ np.where(known, position, 0.0)
+        for motor in motors(self.model):
+            told = None if control is None else float(control[motor.actuator])
+            qpos[motor.position] = unstretched(self.model, motor, float(actuated[motor.actuator]), told)
         for index, name in enumerate(self.actuators):
-            place = self.place(name)
-            motor = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_JOINT, motor_joint(place))
-            if motor >= 0:
-                start = actuated[index]
-                link = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_TENDON, link_tendon(place))
-                if control is not None and link >= 0 and self.model.tendon_limited[link]:
-                    half = float(self.model.tendon_range[link, 1])
-                    start = float(np.clip(control[index], start - half, start + half))
-                qpos[self.model.jnt_qposadr[motor]] = start
-            silent = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_JOINT, silent_joint(place))
+            silent = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_JOINT, silent_joint(self.place(name)))
             if control is not None and silent >= 0:
                 # just beyond where its ends begin, so that they bear from the first step
                 band = max(0.0, float(self.model.jnt_range[silent, 1] - self.model.jnt_margin[silent])) + 1e-6
