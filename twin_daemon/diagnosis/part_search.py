@@ -141,14 +141,16 @@ class PartSearch:
                 self._nothing_yet(), beginning, self.most_effects, against=against, may_leave=may_leave, known=known
             )
             other.outcome.tried = [*found.tried, *other.outcome.tried]
-            reached[named] = other.outcome.accepted[-1].fit
-            better = part.evidence_nats(reached[named]) > part.evidence_nats(against) + decisive(against)
+            end = other.outcome.accepted
+            # beside what was found the beginning may as well not be there: what took its place has come that far
+            reached[named] = end[-1].fit if named in other.outcome.names else beginning.fit
+            better = part.evidence_nats(end[-1].fit) > part.evidence_nats(against) + decisive(against)
             if better and other.outcome.explains and (other.left <= may_leave).all():
-                first = other.outcome.accepted[0]
-                bar = decisive(first.fit)
+                first = end[0]
+                reached[first.hypothesis.name], bar = end[-1].fit, decisive(first.fit)
                 # each beginning is worth what it has come to with what was found beside it
                 weighed = {**first.weighed, **{name: weight_of(part, fit, bar) for name, fit in reached.items()}}
-                other.outcome.accepted[0] = replace(first, weighed=weighed, decisive_nats=bar)
+                end[0] = replace(first, weighed=weighed, decisive_nats=bar)
                 return other.outcome
             found.tried, found.unfinished = other.outcome.tried, other.outcome.unfinished
             if found.unfinished:
