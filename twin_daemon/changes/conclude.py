@@ -123,7 +123,8 @@ def _change(group: GroupFound, index: int, first_seen: str) -> Change:
 
 def _interval(quantity: Quantity, z: float, variance: float) -> Valued:
     half = Z95 * float(np.sqrt(max(variance, 0.0)))
-    half = float(np.hypot(half, RELATIVE_FLOOR * (1.0 if quantity.is_parameter else abs(z))))
+    least = RELATIVE_FLOOR if quantity.is_parameter else max(RELATIVE_FLOOR, Z95 * quantity.law_error) * abs(z)
+    half = float(np.hypot(half, least))
     ends = [quantity.value(max(end, 0.0) if quantity.grows else end) for end in (z - half, z + half)]
     middle = quantity.value(max(z, 0.0) if quantity.grows else z)
     values = [float("nan") if end is None else end for end in (middle, *ends)]
@@ -141,7 +142,7 @@ def _ratio(quantity: Quantity, at: float, by: float, covariance: np.ndarray) -> 
         return UNKNOWN
     # of the logarithm of (at + by) / at
     slope = np.array([1.0 / (at + by) - 1.0 / at, 1.0 / (at + by)])
-    half = Z95 * float(np.sqrt(max(slope @ covariance @ slope, 0.0)))
+    half = Z95 * float(np.sqrt(max(slope @ covariance @ slope, 0.0) + quantity.law_error**2))
     centre = float(np.log((at + by) / at))
     if quantity.effect == "tendon_elasticity":
         centre = -centre

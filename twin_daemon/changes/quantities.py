@@ -12,6 +12,7 @@ from twin_daemon.changes.thresholds import (
     CREEPS,
     DAMPING_SHARE,
     DAMPING_SHARE_SIGMA,
+    LOAD_FRICTION_ERROR,
     MOTOR_SHARE,
     SHARED_SIGMA,
     SHARED_UNITS,
@@ -19,6 +20,7 @@ from twin_daemon.changes.thresholds import (
     SLAB_UNITS,
     SPIKE,
     SPIKE_UNITS,
+    TENDON_ERROR,
     VISIBLE,
     VISIBLE_UNITS,
 )
@@ -31,6 +33,7 @@ STANDS_FOR = {"damping": "viscous_friction", "frictionloss": "coulomb_friction",
 """The effect under whose key the change of a parameter is a finding, by the parameter's kind."""
 
 _KEPT = ("armature",)  # kinds that are uncertain, and do not wear
+_LAW_ERRORS = {"load_friction": float(LOAD_FRICTION_ERROR), "tendon_elasticity": float(TENDON_ERROR)}
 _OF_JOINTS = ("load_friction", "sensor_offset", "sensor_gain", "spring", "nonlinear_spring")
 
 
@@ -61,6 +64,11 @@ class Quantity:
     visible: float = VISIBLE
     motor_share: float = MOTOR_SHARE
     creep: float = 0.0
+
+    @property
+    def law_error(self) -> float:
+        """How far an effect's amount is off by its own law, one sigma of the logarithm, whatever the recordings say."""
+        return _LAW_ERRORS.get(self.effect, 0.0)
 
     @property
     def is_parameter(self) -> bool:

@@ -75,6 +75,10 @@ VISIBLE = Threshold(
     "of the logarithm of a parameter: where even a factor of two would not have been seen, nothing is said of it",
 )
 VISIBLE_UNITS = Threshold(3.0, "units", "the same for an effect, in its typical size")
+LOAD_FRICTION_ERROR = Threshold(
+    0.1, "1", "of the logarithm of a coefficient: how far that and its ratio are off by the law, as measured"
+)
+TENDON_ERROR = Threshold(0.25, "1", "the same of a tendon's stiffness, whose motor's inertia nobody knows")
 AS_GOOD_AS_NONE = Threshold(0.1, "1", "of what there is now of an effect: with less before no ratio of the two is said")
 LEFT_OVER = Threshold(
     2.5, "1", "times the earlier session's mean squared rows: more in the later one is a change that has no name"

@@ -12,11 +12,13 @@ from twin_daemon.effects.base import Effect, Parameter, Place, Scale, Story
 from twin_daemon.effects.edits import impedance_of, linear, servo_stiffness, softness
 from twin_daemon.effects.transmission import pulled_joints
 
-_PRESS = 7.0  # 1/m: force on the brake by torque of the servo; its shoe then lifts off by a millimetre at 1 rad/s
+_PRESS = 13.0  # 1/m by the root of the coefficient: force on the brake by torque of the servo
+_LEAST_PRESS = 1.0  # 1/m
 _SHOE_KG = 0.03  # by N m/rad of the servo, so that weak and strong servos press alike
-_SHOE_DAMPING = 30.0  # N s/m by the same
+_SHOE_DAMPING = 20.0  # N s/m by the same
 _SOFT, _SOFT_FROM = 1.0, 0.1  # (1 - d) / d of the plates' impedance d, from this coefficient on
 _THICK_M = 0.005
+_GAP_M = 1e-6  # between the shoe and each plate: a shoe that touches both is jammed, and brakes without any load
 _UNLIMITED_M = 10.0  # of travel, where a slide has no range
 _WEIGHTLESS_KG = 1e-6
 _HARD = 1e-5  # sliding friction of a brake that holds for ever: MuJoCo's pyramids are as soft as its square
@@ -30,11 +32,12 @@ class LoadFriction(Effect):
     The servo pulls a tendon over its joint and, beside it, a slide along the joint's axis. The slide is held
     between two plates of the parent link, so that it cannot give way: the joint gets the whole torque, a plate
     is pressed in proportion, and their contact resists turning about the axis (torsional friction). Along a slide it
-    is pressed from the side, and the contact's sliding friction does the same: to 8 % of what the friction does up to
-    a coefficient of 0.2, to 15 % at 0.5.
-    MuJoCo's contacts lift off a little as they slide; with a heavily damped shoe the mean of the friction is right to
-    1 % up to a coefficient of 0.3, and to 15 % above. Without friction the shoe still moves by its softness: a
-    coefficient of 0 is the model without the effect to 0.2 mrad rms, 2 mrad in a full step.
+    is pressed from the side, and the contact's sliding friction does the same: to 6 % of what the friction does up to
+    a coefficient of 0.2, to 12 % at 0.5.
+    MuJoCo's contacts lift off a little as they slide; with a damped shoe the mean of the friction is right to 1 % up to
+    a coefficient of 0.3, and to 15 % above. Without friction the shoe still moves by its softness: a coefficient of 0
+    is the model without the effect to 0.1 mrad rms, 2 mrad in a full step. What the law is off by on the way of a hand
+    or an arm at 1 to 4 ms a step is 2 to 11 % of what the friction does, from a coefficient of 0.02 to one of 0.4.
 
     `frictionloss` of MuJoCo is soft and creeps under a load below its limit, by (1 - d) / (d m b) rad/s by N m (d its
     impedance, m the inertia, b its damping rate: MuJoCo's documentation, Computation). A plant whose `frictionloss`
@@ -51,7 +54,7 @@ class LoadFriction(Effect):
     acts_on = "joint"
     rank = 190
     dissipative = True
-    neutral_within_rad = 3e-3  # the shoe moves by its softness: see above
+    neutral_within_rad = 2e-3  # the shoe moves by its softness: see above
     parameters = (
         Parameter("coefficient", "1", 0.0, 0.8, 0.0, 0.2, "friction torque over the torque that the servo transmits"),
         Parameter("creep", "1", 0.0, 3.0, 0.0, 0.0, "how fast it gives way at rest: 1 as the model's own friction"),
@@ -100,7 +103,7 @@ class LoadFriction(Effect):
         turned, centre = np.empty(4), np.empty(3)
         mujoco.mju_mulQuat(turned, link.quat, along)
         for side, name in ((1.0, "over"), (-1.0, "under")):
-            mujoco.mju_rotVecQuat(centre, anchor + side * 2.0 * _THICK_M * pressed, link.quat)
+            mujoco.mju_rotVecQuat(centre, anchor + side * (2.0 * _THICK_M + _GAP_M) * pressed, link.quat)
             plate = _solid(
                 joint.parent.parent,
                 f"{place.joint}_brake_{name}",
@@ -112,17 +115,17 @@ class LoadFriction(Effect):
             touch.condim = 4
             touch.friction = np.array([rubbing[0], rubbing[0], rubbing[1], 1e-5, 1e-5])
             touch.solref, touch.solimp = np.array([firm_s, 1.0]), np.array([firm, firm, 0.001, 0.5, 2.0])
-        self._press(spec, place, slide.name)
+        self._press(spec, place, slide.name, _pressing(values["coefficient"]))
 
     @staticmethod
-    def _press(spec: Any, place: Place, slide: str) -> None:
+    def _press(spec: Any, place: Place, slide: str, force: float) -> None:
         actuator = spec.actuator(place.actuator)
         if actuator.trntype != mujoco.mjtTrn.mjTRN_TENDON:
             pull = spec.add_tendon(name=f"{place.actuator}_pull")
             for name, coefficient in pulled_joints(spec, actuator).items():
                 pull.wrap_joint(name, coefficient)
             actuator.trntype, actuator.target = mujoco.mjtTrn.mjTRN_TENDON, pull.name
-        spec.tendon(actuator.target).wrap_joint(slide, _PRESS)
+        spec.tendon(actuator.target).wrap_joint(slide, force)
 
     def starts(self, scale: Scale) -> tuple[dict[str, float], ...]:
         holds = tuple({"coefficient": coefficient, "creep": 0.0} for coefficient in (0.05, 0.2, 0.5))
@@ -137,6 +140,7 @@ class _Contact:
         link = int(model.jnt_bodyid[joint.id])
         dof = int(model.jnt_dofadr[joint.id])
         self._coefficient, self._impratio = coefficient, float(model.opt.impratio)
+        self._slides = coefficient / _pressing(coefficient)  # torsional friction in m, or sliding friction
         constant_s, _ = model.dof_solref[dof]
         least, most = model.dof_solimp[dof][:2]
         self._time_s = float(most * constant_s)
@@ -147,7 +151,7 @@ class _Contact:
 
     def turning(self, creep: float) -> tuple[tuple[float, float], float, float]:
         """((sliding friction 1, torsional friction m), impedance, time constant s) of a brake about a hinge."""
-        lever = max(self._coefficient / _PRESS, 1e-7)
+        lever = max(self._slides, 1e-7)
         plates = self._soft()
         asked = creep * self._own * lever**2 / (2.0 * plates * self._weight / self._impratio)
         sliding = max(float(np.sqrt(0.5 * (np.sqrt(1.0 + 4.0 * asked) - 1.0))), _HARD)
@@ -155,7 +159,7 @@ class _Contact:
 
     def sliding(self, creep: float) -> tuple[tuple[float, float], float, float]:
         """As `turning`, of a brake along a slide: the friction that rubs is the one that sets how it gives way."""
-        sliding = max(self._coefficient / _PRESS, _HARD)
+        sliding = max(self._slides, _HARD)
         plates = creep * self._own / (2.0 * (1.0 + sliding**2)) * self._impratio / self._weight
         return ((sliding, _HARD), *self._firm(float(np.clip(plates, 1e-3, self._soft()))))
 
@@ -166,6 +170,15 @@ class _Contact:
     def _firm(self, plates: float) -> tuple[float, float]:
         firm = impedance_of(plates)
         return firm, self._time_s / firm
+
+
+def _pressing(coefficient: float) -> float:
+    """1/m: force on the brake by torque of the servo.
+
+    The shoe gives way under its force, and the servo loses the square of it; the less force, the more friction a plate
+    needs for the same torque, and the further the shoe lifts off. Both are small where the force goes with the root.
+    """
+    return max(_PRESS * float(np.sqrt(coefficient)), _LEAST_PRESS)
 
 
 def _across(axis: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Friction that grows with the load, along a slide instead of about a hinge."""
+"""Friction that grows with the load: along a slide instead of about a hinge, and at the start of a roll-out."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def _by_the_law(model: mujoco.MjModel, controls: np.ndarray, coefficient: float)
     return moved
 
 
-@pytest.mark.parametrize(("coefficient", "share"), [(0.05, 0.1), (0.2, 0.08), (0.5, 0.15)])
+@pytest.mark.parametrize(("coefficient", "share"), [(0.02, 0.06), (0.05, 0.06), (0.2, 0.06), (0.5, 0.12)])
 @pytest.mark.parametrize("tilt", [0.0, 0.5])
 def test_the_brake_of_a_slide_takes_its_share_of_the_force(
     tmp_path: Path, coefficient: float, share: float, tilt: float
@@ -71,3 +71,23 @@ def test_a_brake_that_does_not_rub_leaves_the_slide_alone(tmp_path: Path) -> Non
     term = EffectTerm(effect="load_friction", target="z", values={"coefficient": 0.0, "creep": 0.0})
     free = _moved(lift.changed(Terms(effects=(term,))).model, controls)
     assert np.sqrt(np.mean((free - _moved(lift.model, controls)) ** 2)) < 2e-3
+
+
+ELBOW = """<mujoco model="elbow"><compiler angle="radian"/><option timestep="0.004"/><worldbody><body name="link">
+<joint name="elbow" axis="0 1 0" range="-1.5 1.5" damping="0.0135" armature="0.001"/>
+<geom type="capsule" fromto="0 0 0 0.03 0 0" size="0.005" mass="0.005" contype="0" conaffinity="0"/></body></worldbody>
+<actuator><position name="elbow" joint="elbow" kp="0.09" ctrlrange="-1.5 1.5"/></actuator></mujoco>"""
+
+
+def test_a_brake_that_a_rollout_begins_with_takes_nothing_off_the_speed(tmp_path: Path) -> None:
+    """A shoe that touched both of its plates would be jammed, and would brake without any load."""
+    path = tmp_path / "elbow.xml"
+    path.write_text(ELBOW)
+    elbow = TwinModel.load(load_hand(model=path))
+    term = EffectTerm(effect="load_friction", target="elbow", values={"coefficient": 0.0, "creep": 0.0})
+    controls, moved = np.full((20, 1), 0.02), []
+    for twin in (elbow, elbow.changed(Terms(effects=(term,)))):
+        start, speed = twin.initial_qpos(np.zeros(1), controls[0]), np.zeros(twin.model.nv)
+        speed[twin.dof_adr[0]] = -0.16
+        moved.append(roll_out([twin.model], controls[None], start[None], speed[None])[0][:, twin.qpos_adr[0]])
+    assert np.abs(moved[1] - moved[0]).max() < 2e-5
