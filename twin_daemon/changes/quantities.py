@@ -67,7 +67,7 @@ class Quantity:
 
     @property
     def law_error(self) -> float:
-        """How far an effect's amount is off by its own law, one sigma of the logarithm, whatever the recordings say."""
+        """How far an effect's amount is off whatever the recordings say, one sigma of its logarithm."""
         return _LAW_ERRORS.get(self.effect, 0.0)
 
     @property
