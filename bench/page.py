@@ -13,6 +13,8 @@ _LONG = {
     "([page](hidden-suite.md)); an hour",
     "python -m bench.home_suite": "the diagnosis of 80 hidden cases of the Shadow Hand ([page](home-suite.md)); "
     "an hour",
+    "python -m bench.law_errors": "how far each law of the library is off the same law written apart, at the same "
+    "values; five minutes",
     "python -m bench.whole_hand": "how long a diagnosis of the whole hand takes, and whether it is right; four minutes",
     "python -m bench.live --realtime": "ten minutes of the daemon at 1 kHz beside a bare echo",
     "python -m bench.hot_path": "what one joint state costs the daemon, stage by stage",
