@@ -37,7 +37,7 @@ class LoadFriction(Effect):
     MuJoCo's contacts lift off a little as they slide; with a damped shoe the mean of the friction is right to 1 % up to
     a coefficient of 0.3, and to 15 % above. Without friction the shoe still moves by its softness: a coefficient of 0
     is the model without the effect to 0.1 mrad rms, 2 mrad in a full step. What the law is off by on the way of a hand
-    or an arm at 1 to 4 ms a step is 2 to 11 % of what the friction does, from a coefficient of 0.02 to one of 0.4.
+    or an arm at 1 to 4 ms a step is up to 12 % of what the friction does, from a coefficient of 0.02 to one of 0.4.
 
     `frictionloss` of MuJoCo is soft and creeps under a load below its limit, by (1 - d) / (d m b) rad/s by N m (d its
     impedance, m the inertia, b its damping rate: MuJoCo's documentation, Computation). A plant whose `frictionloss`
