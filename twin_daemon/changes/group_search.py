@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -183,8 +183,9 @@ def _tried(
             begins = [one.pair.fit(changed, one, FIRST_ROUNDS - 1) for one in better]
             fits[index] = _ended(max(begins, key=lambda one: one.log_evidence), changed, fits)
         fits |= _ended_tendons({i: fits[i] for i in asked}, chosen, fits)
-        fitted = [found for index, found in fits.items() if found is not known.get(index)]
-        none = max(none, _best_without(fit, fitted, chosen))
+        fitted = {index: found for index, found in fits.items() if found is not known.get(index)}
+        without, better = _best_without(fit, fitted, chosen)
+        none, fits = max(none, without), fits | better
         posterior |= {i: found.log_evidence - none + _odds_before(pair, i, price) for i, found in fits.items()}
         # where the finalists have not kept what they promised, the next best is asked, until the best has been refitted
         top = max(posterior, key=posterior.__getitem__)
@@ -193,7 +194,8 @@ def _tried(
     fits |= _better(beside, fits)
     tendons = _ended_tendons(beside, chosen, fits)
     fits |= tendons
-    none = max(none, _best_without(fit, [*beside.values(), *tendons.values()], chosen))
+    without, better = _best_without(fit, beside | tendons, chosen)
+    none, fits = max(none, without), fits | _better(better, fits)
     posterior |= {i: found.log_evidence - none + _odds_before(pair, i, price) for i, found in fits.items()}
     return fits, posterior
 
@@ -220,11 +222,20 @@ def _ended_tendons(among: Mapping[int, Fit], chosen: tuple[int, ...], fits: Mapp
     return {index: _ended(one, (*chosen, index), fits) for index, one in better.items()}
 
 
-def _best_without(fit: Fit, fits: Collection[Fit], chosen: tuple[int, ...]) -> float:
-    """Log evidence of the best that is found without a further change: what one adds to both sessions is no change, and
-    from where it has come to the way down without it may be open."""
-    better = [one for one in fits if one.log_evidence > fit.log_evidence]
-    return max([fit.log_evidence, *(one.pair.fit(chosen, one, FIRST_ROUNDS).log_evidence for one in better)])
+def _best_without(fit: Fit, fits: Mapping[int, Fit], chosen: tuple[int, ...]) -> tuple[float, dict[int, Fit]]:
+    """(log evidence of the best that is found without a further change, the changes that explain more where it is).
+
+    What one adds to both sessions is no change, and from where it has come to the way down without it may be open.
+    What is reached without it is reached with it as well.
+    """
+    none, found = fit.log_evidence, dict[int, Fit]()
+    for index, one in fits.items():
+        if one.log_evidence > fit.log_evidence:
+            without = one.pair.fit(chosen, one, FIRST_ROUNDS)
+            none = max(none, without.log_evidence)
+            changed = frozenset((*chosen, index))
+            found[index] = Fit(without.pair, without.point, without.rows, without.slopes, changed)
+    return none, _better(found, fits)
 
 
 def _refitted(origin: Fit, changed: tuple[int, ...], index: int) -> list[Fit]:
