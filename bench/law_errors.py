@@ -22,8 +22,9 @@ from bench.random_robots.cases import Plan, build
 from bench.random_robots.laws import LIBRARY as WRITTEN_APART
 from bench.random_robots.laws import Law
 from bench.random_robots.laws.transmission import ServoPlay
-from bench.random_robots.plants import Unstable
+from bench.random_robots.plants import SETTLE_S, Unstable, arriving, at_samples, steps_of
 from bench.random_robots.robots import Robot
+from bench.random_robots.strength import rms
 from twin_daemon.effects import LIBRARY
 from twin_daemon.hand import load_hand
 from twin_daemon.simulation.rollout import roll_out
@@ -32,11 +33,9 @@ from twin_daemon.simulation.twin import TwinModel
 from twin_daemon.workflows.session import silence_mujoco
 
 SEEDS = (90000, 90002, 90004, 90006)
-_SETTLE_S = 2.0
 _LEFT_OUT = {"torque_ripple", "gravity_tilt", "payload"}
-_BESIDE: dict[type[Law], dict[str, float]] = {
-    ServoPlay: {"braked": 1.0}
-}  # what a form of a law is by the library's other values
+# what a form of a law is by the library's other values
+_BESIDE: dict[type[Law], dict[str, float]] = {ServoPlay: {"braked": 1.0}}
 
 
 @dataclass(frozen=True)
@@ -71,9 +70,9 @@ def law_error(law: type[Law], seed: int) -> LawError:
     values |= hidden.values() | _BESIDE.get(law, {})
     changed = twin.changed(Terms(effects=(EffectTerm(effect=hidden.key, target=place, values=values),)))
     sound, plant = case.plant.run(targets), case.plant.run(targets, [hidden])
-    gaps = (plant - sound, _moved(changed, robot, targets) - plant, _moved(twin, robot, targets) - sound)
     column = hidden.site.joint
-    does, off, step = (1e3 * float(np.sqrt((gap[:, column] ** 2).mean())) for gap in gaps)
+    gaps = (plant - sound, _moved(changed, robot, targets) - plant, _moved(twin, robot, targets) - sound)
+    does, off, step = (1e3 * float(rms(gap)[column]) for gap in gaps)
     sensors = 1e3 * float(robot.floor()[column])
     return LawError(law.__name__, hidden.key, seed, robot.step_s, does, off, step, sensors)
 
@@ -81,20 +80,17 @@ def law_error(law: type[Law], seed: int) -> LawError:
 def _moved(twin: TwinModel, robot: Robot, targets: np.ndarray) -> np.ndarray:
     """(n, j) what ideal sensors would read of the twin, for commands (n, a): settled first, its bus as late."""
     step_s = float(twin.model.opt.timestep)
-    settle, count = round(_SETTLE_S / step_s), int(np.ceil(len(targets) / robot.rate_hz / step_s)) + 1
-    late = (np.arange(-settle, count) + 0.5) * step_s - robot.delay_s
-    controls = targets[np.clip(np.floor(late * robot.rate_hz).astype(int), 0, len(targets) - 1)]
+    controls = arriving(robot, targets, step_s, steps_of(robot, targets, step_s))
     rest = {
         robot.joints[joint]: target / len(servo.joints)
         for servo, target in zip(robot.servos, targets[0], strict=True)
         for joint in servo.joints
     }
     start = twin.initial_qpos(np.array([rest[name] for name in twin.joints]), controls[0])
-    angles = roll_out([twin.model], controls[None], start[None])[0][settle + 1 :, twin.qpos_adr]
-    angles = twin.measurement.apply(twin.joints, angles)
-    when = np.arange(1, len(targets) + 1) / robot.rate_hz
-    stamps = np.arange(1, len(angles) + 1) * step_s
-    return np.column_stack([np.interp(when, stamps, angles[:, twin.joints.index(name)]) for name in robot.joints])
+    angles = roll_out([twin.model], controls[None], start[None])[0][1:, twin.qpos_adr]
+    read = twin.measurement.apply(twin.joints, angles)[round(SETTLE_S / step_s) :]
+    order = [twin.joints.index(name) for name in robot.joints]
+    return at_samples(robot, len(targets), read[:, order], step_s)
 
 
 def page(errors: Sequence[LawError]) -> str:
@@ -120,8 +116,9 @@ def main() -> None:
     given = parser.parse_args()
     silence_mujoco()
     found: list[LawError] = []
-    for law in [law for forms in WRITTEN_APART for law in forms if law.key not in _LEFT_OUT]:
-        for seed in given.seeds if not given.laws or law.key in given.laws else ():
+    laws = [law for forms in WRITTEN_APART for law in forms if law.key not in _LEFT_OUT]
+    for law in [law for law in laws if not given.laws or law.key in given.laws]:
+        for seed in given.seeds:
             try:
                 found.append(law_error(law, seed))
             except Unstable as why:

@@ -18,7 +18,7 @@ from .robots import Robot
 if TYPE_CHECKING:
     from .laws.base import Law
 
-_SETTLE_S = 2.0
+SETTLE_S = 2.0  # before a motion begins
 _PLANT_STEP_S = 0.0005
 
 # What a nominal model is off by: shares of masses, centres and inertias; of damping, friction; of the servos' gain.
@@ -80,11 +80,8 @@ class Plant:
 
     def _commands(self, targets: np.ndarray, laws: Sequence[Law]) -> np.ndarray:
         """(m, a) what arrives at the servos in each plant step, held between commands, late by the bus."""
-        clock, settle = self.clock, round(_SETTLE_S / self.clock.step_s)
-        count = len(targets) * clock.per_sample
-        late = (np.arange(-settle, count) + 0.5) * clock.step_s - self.robot.delay_s
-        index = np.clip(np.floor(late * self.robot.rate_hz).astype(int), 0, len(targets) - 1)
-        steps = targets[index]
+        clock = self.clock
+        steps = arriving(self.robot, targets, clock.step_s, len(targets) * clock.per_sample)
         for law in laws:
             steps = law.commands(steps, clock.step_s)
         return steps
@@ -92,7 +89,7 @@ class Plant:
     def _roll(self, model: Any, data: Any, steps: np.ndarray, laws: Sequence[Law]) -> np.ndarray:
         """(n, j): steps through all commands and reads the angles once a sample; the first 2 s only settle."""
         per = self.clock.per_sample
-        settle = round(_SETTLE_S / self.clock.step_s)
+        settle = round(SETTLE_S / self.clock.step_s)
         address = model.jnt_qposadr[: len(self.robot.joints)]
         out = np.empty(((len(steps) - settle) // per, len(address)))
         ctrl, applied = data.ctrl, data.qfrc_applied
@@ -124,14 +121,11 @@ def nominal(robot: Robot, targets: np.ndarray, step_s: float | None = None) -> t
     step_s = float(model.opt.timestep)
     data = mujoco.MjData(model)
     _start(model, data, robot, targets[0])
-    settle, seconds = round(_SETTLE_S / step_s), len(targets) / robot.rate_hz
-    count = int(np.ceil(seconds / step_s)) + 1
-    late = (np.arange(-settle, count) + 0.5) * step_s - robot.delay_s
-    index = np.clip(np.floor(late * robot.rate_hz).astype(int), 0, len(targets) - 1)
+    settle, count = round(SETTLE_S / step_s), steps_of(robot, targets, step_s)
     angles, peaks = np.empty((count, len(robot.joints))), np.zeros(model.nu)
     touched = False
-    for number, row in enumerate(index):
-        data.ctrl[:] = targets[row]
+    for number, row in enumerate(arriving(robot, targets, step_s, count)):
+        data.ctrl[:] = row
         mujoco.mj_step(model, data)
         if number >= settle:
             angles[number - settle] = data.qpos
@@ -141,9 +135,28 @@ def nominal(robot: Robot, targets: np.ndarray, step_s: float | None = None) -> t
         raise Touching("links touch")
     if not np.isfinite(angles).all() or np.abs(angles).max() > 1e3:
         raise Unstable("the nominal model blows up")
-    when = np.arange(1, len(targets) + 1) / robot.rate_hz
-    stamps = np.arange(1, count + 1) * step_s
-    return np.column_stack([np.interp(when, stamps, column) for column in angles.T]), peaks
+    return at_samples(robot, len(targets), angles, step_s), peaks
+
+
+def steps_of(robot: Robot, targets: np.ndarray, step_s: float) -> int:
+    """How many steps last as long as the commands (n, a)."""
+    return int(np.ceil(len(targets) / robot.rate_hz / step_s)) + 1
+
+
+def arriving(robot: Robot, targets: np.ndarray, step_s: float, count: int) -> np.ndarray:
+    """(m, a) what arrives at the servos in each step, held between commands (n, a), late by the bus.
+
+    `count` steps of motion, and before them those in which the robot settles.
+    """
+    late = (np.arange(-round(SETTLE_S / step_s), count) + 0.5) * step_s - robot.delay_s
+    return targets[np.clip(np.floor(late * robot.rate_hz).astype(int), 0, len(targets) - 1)]
+
+
+def at_samples(robot: Robot, samples: int, angles: np.ndarray, step_s: float) -> np.ndarray:
+    """Angles (m, j) at the end of each step of a motion -> those at its samples (n, j)."""
+    when = np.arange(1, samples + 1) / robot.rate_hz
+    stamps = np.arange(1, len(angles) + 1) * step_s
+    return np.column_stack([np.interp(when, stamps, column) for column in angles.T])
 
 
 class Touching(Exception):

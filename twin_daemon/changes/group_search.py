@@ -184,8 +184,9 @@ def _tried(
             fits[index] = _ended(max(begins, key=lambda one: one.log_evidence), changed, fits)
         fits |= _ended_tendons({i: fits[i] for i in asked}, chosen, fits)
         fitted = {index: found for index, found in fits.items() if found is not known.get(index)}
-        without, better = _best_without(fit, fitted, chosen)
-        none, fits = max(none, without), fits | better
+        without, there = _best_without(fit, fitted, chosen)
+        none = max(none, without)
+        fits |= _better(there, fits)
         posterior |= {i: found.log_evidence - none + _odds_before(pair, i, price) for i, found in fits.items()}
         # where the finalists have not kept what they promised, the next best is asked, until the best has been refitted
         top = max(posterior, key=posterior.__getitem__)
@@ -194,8 +195,9 @@ def _tried(
     fits |= _better(beside, fits)
     tendons = _ended_tendons(beside, chosen, fits)
     fits |= tendons
-    without, better = _best_without(fit, beside | tendons, chosen)
-    none, fits = max(none, without), fits | _better(better, fits)
+    without, there = _best_without(fit, beside | tendons, chosen)
+    none = max(none, without)
+    fits |= _better(there, fits)
     posterior |= {i: found.log_evidence - none + _odds_before(pair, i, price) for i, found in fits.items()}
     return fits, posterior
 
@@ -223,7 +225,7 @@ def _ended_tendons(among: Mapping[int, Fit], chosen: tuple[int, ...], fits: Mapp
 
 
 def _best_without(fit: Fit, fits: Mapping[int, Fit], chosen: tuple[int, ...]) -> tuple[float, dict[int, Fit]]:
-    """(log evidence of the best that is found without a further change, the changes that explain more where it is).
+    """(log evidence of the best that is found without a further change, each change where one without it has ended).
 
     What one adds to both sessions is no change, and from where it has come to the way down without it may be open.
     What is reached without it is reached with it as well.
@@ -235,7 +237,7 @@ def _best_without(fit: Fit, fits: Mapping[int, Fit], chosen: tuple[int, ...]) ->
             none = max(none, without.log_evidence)
             changed = frozenset((*chosen, index))
             found[index] = Fit(without.pair, without.point, without.rows, without.slopes, changed)
-    return none, _better(found, fits)
+    return none, found
 
 
 def _refitted(origin: Fit, changed: tuple[int, ...], index: int) -> list[Fit]:

@@ -33,7 +33,7 @@ STANDS_FOR = {"damping": "viscous_friction", "frictionloss": "coulomb_friction",
 """The effect under whose key the change of a parameter is a finding, by the parameter's kind."""
 
 _KEPT = ("armature",)  # kinds that are uncertain, and do not wear
-_LAW_ERRORS = {"load_friction": float(LOAD_FRICTION_ERROR), "tendon_elasticity": float(TENDON_ERROR)}
+_LAW_ERRORS = {"load_friction": LOAD_FRICTION_ERROR, "tendon_elasticity": TENDON_ERROR}
 _OF_JOINTS = ("load_friction", "sensor_offset", "sensor_gain", "spring", "nonlinear_spring")
 
 

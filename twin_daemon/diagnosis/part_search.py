@@ -147,7 +147,8 @@ class PartSearch:
             better = part.evidence_nats(end[-1].fit) > part.evidence_nats(against) + decisive(against)
             if better and other.outcome.explains and (other.left <= may_leave).all():
                 first = end[0]
-                reached[first.hypothesis.name], bar = end[-1].fit, decisive(first.fit)
+                bar = decisive(first.fit)
+                reached[first.hypothesis.name] = end[-1].fit
                 # each beginning is worth what it has come to with what was found beside it
                 weighed = {**first.weighed, **{name: weight_of(part, fit, bar) for name, fit in reached.items()}}
                 end[0] = replace(first, weighed=weighed, decisive_nats=bar)
