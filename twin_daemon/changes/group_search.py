@@ -167,6 +167,7 @@ def _tried(
             begun.setdefault(index, []).append(origin)
     posterior = {index: odd + _odds_before(pair, index, price) for index, odd in odds.items()}
     fits: dict[int, Fit] = {}
+    there: dict[int, Fit] = {}
     none = fit.log_evidence
     worth = sorted((i for i in odds if odds[i] > WORTH_REFITTING), key=lambda i: -odds[i])
     # to first order an effect that is not smooth may promise anything: all of them that do are refitted
@@ -184,9 +185,9 @@ def _tried(
             fits[index] = _ended(max(begins, key=lambda one: one.log_evidence), changed, fits)
         fits |= _ended_tendons({i: fits[i] for i in asked}, chosen, fits)
         fitted = {index: found for index, found in fits.items() if found is not known.get(index)}
-        without, there = _best_without(fit, fitted, chosen)
+        without, ended = _best_without(fit, fitted, chosen)
         none = max(none, without)
-        fits |= _better(there, fits)
+        there |= _better(ended, there)
         posterior |= {i: found.log_evidence - none + _odds_before(pair, i, price) for i, found in fits.items()}
         # where the finalists have not kept what they promised, the next best is asked, until the best has been refitted
         top = max(posterior, key=posterior.__getitem__)
@@ -195,9 +196,10 @@ def _tried(
     fits |= _better(beside, fits)
     tendons = _ended_tendons(beside, chosen, fits)
     fits |= tendons
-    without, there = _best_without(fit, beside | tendons, chosen)
+    without, ended = _best_without(fit, beside | tendons, chosen)
     none = max(none, without)
-    fits |= _better(there, fits)
+    # last, so that what is begun from a change begins where that one's own descent has ended
+    fits |= _better(there | _better(ended, there), fits)
     posterior |= {i: found.log_evidence - none + _odds_before(pair, i, price) for i, found in fits.items()}
     return fits, posterior
 
