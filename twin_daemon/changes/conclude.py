@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
+from twin_daemon.changes import temperature
 from twin_daemon.changes.answer import UNKNOWN, Change, Since, Unchanged, Undetectable, Valued, sentence
 from twin_daemon.changes.diagnosed import as_change
 from twin_daemon.changes.group_search import GroupFound
@@ -28,16 +29,17 @@ def conclude(
     unanswering: Sequence[str],
     seed: int,
     interrupted: bool,
+    warmed: float = temperature.COLD_TO_WARM,
 ) -> Since:
     """The verdict of all groups, with every change as a finding under the effect that it stands for.
 
     `told` are diagnoses of the groups that are not among `found`. Joints that are `unanswering` stand still now,
-    although they are told to move.
+    although they are told to move. `warmed` is by how many standard deviations of the temperature sessions may differ.
     """
     first_seen = _utc(min(int(r.recording.stamp_ns[0]) for r in now))
     pairs = [(group, index) for group in found for index in group.changed]
     pairs.sort(key=lambda pair: -pair[0].evidence[pair[1]])
-    changes = tuple(_change(group, index, first_seen) for group, index in pairs)
+    changes = tuple(_change(group, index, first_seen, _rivals(found, group, index, warmed)) for group, index in pairs)
     findings = tuple(
         _finding(group, index, change, seed) for (group, index), change in zip(pairs, changes, strict=True)
     )
@@ -88,13 +90,20 @@ def conclude(
         undetectable=undetectable,
         interrupted=interrupted,
         notes=(
+            *([temperature.NOTE] if any(temperature.NAME in change.rivals for change in changes) else ()),
             *(f"{name}: too little motion clear of contacts in both sessions" for name in touching),
             *([not_answering(unanswering)] if unanswering else ()),
         ),
     )
 
 
-def _change(group: GroupFound, index: int, first_seen: str) -> Change:
+def _rivals(found: Sequence[GroupFound], group: GroupFound, index: int, warmed: float) -> tuple[str, ...]:
+    """What explains the same as a change: others of its group, and the temperature."""
+    own = tuple(_place(group.quantities[i]) for i in group.rivals[index])
+    return (*own, temperature.NAME) if temperature.explains(found, group, index, warmed) else own
+
+
+def _change(group: GroupFound, index: int, first_seen: str, rivals: tuple[str, ...]) -> Change:
     quantity, fit = group.quantities[index], group.fit
     q = len(group.quantities)
     covariance = fit.covariance
@@ -114,7 +123,7 @@ def _change(group: GroupFound, index: int, first_seen: str) -> Change:
         now=now,
         ratio=ratio,
         probability=probability,
-        rivals=tuple(_place(group.quantities[i]) for i in group.rivals[index]),
+        rivals=rivals,
         first_seen=first_seen,
         words=sentence(effect, joints, quantity.unit, before, now, ratio, first_seen, probability),
         remedy=LIBRARY[effect].story.remedy,

@@ -10,6 +10,7 @@ from twin_daemon.changes.diagnosed import changed_together, diagnosed
 from twin_daemon.changes.group import Begun, Believed, Group, Sessions, begun, group_of
 from twin_daemon.changes.group_search import GroupFound, search_group
 from twin_daemon.changes.quantities import Quantity, quantities
+from twin_daemon.changes.temperature import COLD_TO_WARM
 from twin_daemon.changes.thresholds import LEFT_OVER, SPIKE
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding
 from twin_daemon.estimation.partition import Reduced, Reduction
@@ -30,6 +31,7 @@ def changes_since(
     joints: Sequence[str] | None = None,
     believed: Believed | None = None,
     spread: float = SPIKE,
+    warmed: float = COLD_TO_WARM,
     seed: int = 0,
     stream: Say | None = None,
     limit: TimeLimit | None = None,
@@ -37,8 +39,9 @@ def changes_since(
     """What is another one in `now` than in `baseline`; where that is empty, than is `believed` of the twin's own.
 
     `held` is more motion of the later session, by which what was found is judged; `spread` how much a parameter differs
-    between sessions without wear, one sigma of its logarithm. The end of the time limit and Ctrl-C
-    end the search; what has been found until then is in the answer.
+    between sessions without wear, one sigma of its logarithm; `warmed` by how many standard deviations of the
+    temperature sessions may differ. The end of the time limit and Ctrl-C end the search; what has been found until
+    then is in the answer.
     """
     limit, say = limit or TimeLimit(), stream or (lambda _: None)
     moving = [name for name in judged_joints(twin, now) if not joints or name in joints]
@@ -99,7 +102,7 @@ def changes_since(
     order = list(twin.joints)
     found.sort(key=lambda one: order.index(one.joints[0]))
     unanswering = [name for name in unanswering_joints(twin, now) if name in moving]
-    return conclude(found, told, now, touching, unanswering, seed, interrupted)
+    return conclude(found, told, now, touching, unanswering, seed, interrupted, warmed)
 
 
 def _closer(twin: TwinModel, reduction: Reduction, groups: Sequence[Begun]) -> list[tuple[Begun, Reduced]]:

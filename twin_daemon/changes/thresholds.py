@@ -17,6 +17,11 @@ NOTHING_CHANGED = Threshold(
 APPEARS = Threshold(
     0.05, "1", "as probable as a change of what the earlier session has: an effect that it shows nothing of"
 )
+TEMPERATURE = Threshold(
+    0.1,
+    "1",
+    "of friction's logarithm, by one standard deviation of the temperature: 3 K, and 3 % a kelvin, as of most greases",
+)
 SHARED_UNITS = Threshold(1.0, "units", "of an effect's typical size: how strong it may be in both sessions")
 ABSENT = Threshold(1e-3, "units", "of an effect's typical size: spread of one that is neither seen nor suspected")
 SPIKE_UNITS = Threshold(0.03, "units", "of that size: spread between sessions without wear")

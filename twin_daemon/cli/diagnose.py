@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from twin_daemon.cli import options
 from twin_daemon.cli.console import emit_json, people, plain_text, require_folder
 from twin_daemon.diagnosis.verdict import in_hundred
-from twin_daemon.errors import BadInput
+from twin_daemon.errors import BadInput, UsageError
 from twin_daemon.estimation.estimate import with_unit
 from twin_daemon.hand.schema import NominalUncertainty
 from twin_daemon.tables import slim_table
@@ -58,6 +58,10 @@ def command(
         list[Path] | None,
         typer.Option("--baseline", metavar="R...", help="What has changed since these recordings of the healthy hand."),
     ] = None,
+    covariate: Annotated[
+        Path | None,
+        typer.Option("--covariate", metavar="FILE.csv", help="With those two: a temperature or load by time."),
+    ] = None,
     hand: options.HandName = None,
     model: options.Model = None,
     version: options.VersionRef = None,
@@ -77,6 +81,8 @@ def command(
 
     require_folder(json)
     assumed = assumptions(tolerance_mrad, nominal_uncertainty)
+    if covariate is not None and since is None and not baseline:
+        raise UsageError("--covariate compares two sessions", todo="Give the earlier one with --baseline or --since")
     if since is not None or baseline:
         from twin_daemon.cli.since import show
         from twin_daemon.workflows import changes
@@ -87,7 +93,7 @@ def command(
         recorded = session.recordings(recording, trajectory)
         earlier = changes.earlier_of(session, baseline, stored, trajectory)
         held = session.recordings(holdout or [], trajectory)
-        payload, what = changes.diagnosed_since(session, recorded, held, earlier, joints, seed, within)
+        payload, what = changes.diagnosed_since(session, recorded, held, earlier, joints, seed, within, covariate)
         show(people(json), what)
         emit_json(json, payload)
         return

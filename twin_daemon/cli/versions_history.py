@@ -50,7 +50,7 @@ def history(
         store,
         parameter or (),
         limits=described.description.bands,
-        covariate=None if covariate is None else read_covariate(covariate),
+        covariate=None if covariate is None else read_covariate(covariate).at,
     )
     promoted = promotions(store)
     if plot is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -14,9 +14,36 @@ from twin_daemon.errors import BadInput
 _AROUND_S = 86_400.0  # a look at the hand may be so long before the first or after the last line
 
 
-def read_covariate(path: Path) -> Callable[[datetime], float]:
-    """The values of a CSV file with a heading and two columns, a time (ISO 8601, UTC without a zone; or seconds
-    since 1970) and a number, as a function of time: straight lines between them. Raises BadInput."""
+@dataclass(frozen=True, eq=False)
+class Covariate:
+    """Values by time (s since 1970), of one file, with straight lines between them."""
+
+    path: Path
+    times: np.ndarray
+    values: np.ndarray
+
+    @property
+    def spread(self) -> float:
+        """One standard deviation of its values."""
+        return float(self.values.std())
+
+    def at(self, when: datetime) -> float:
+        """Its value then. BadInput for a time that the file says nothing of."""
+        second = when.timestamp()
+        if not self.times[0] - _AROUND_S <= second <= self.times[-1] + _AROUND_S:
+            first, last = (datetime.fromtimestamp(t, UTC).date() for t in (self.times[0], self.times[-1]))
+            raise BadInput(
+                f"{self.path} says nothing of {when.date()}",
+                where="--covariate",
+                allowed=f"{first} to {last}",
+                todo="Give a file that covers all versions and recordings that are compared",
+            )
+        return float(np.interp(second, self.times, self.values))
+
+
+def read_covariate(path: Path) -> Covariate:
+    """A CSV file with a heading and two columns, a time (ISO 8601, UTC without a zone; or seconds since 1970) and a
+    number. Raises BadInput."""
     try:
         with path.open(newline="", encoding="utf-8") as file:
             rows = [row for row in csv.reader(file) if row]
@@ -38,19 +65,7 @@ def read_covariate(path: Path) -> Callable[[datetime], float]:
     if not np.isfinite(values).all():
         raise BadInput(f"{path} has values that are no numbers", todo="Leave those lines out")
 
-    def at(when: datetime) -> float:
-        second = when.timestamp()
-        if not times[0] - _AROUND_S <= second <= times[-1] + _AROUND_S:
-            first, last = (datetime.fromtimestamp(t, UTC).date() for t in (times[0], times[-1]))
-            raise BadInput(
-                f"{path} says nothing of {when.date()}",
-                where="--covariate",
-                allowed=f"versions of {first} to {last}",
-                todo="Give a file that covers the whole history",
-            )
-        return float(np.interp(second, times, values))
-
-    return at
+    return Covariate(path, times, values)
 
 
 def _seconds(text: str) -> float:

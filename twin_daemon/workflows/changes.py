@@ -9,6 +9,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from twin_daemon.errors import BadInput, UsageError
 from twin_daemon.resources import state_dir
 from twin_daemon.workflows.session import Session, open_session
@@ -26,6 +28,7 @@ class Earlier:
 
     recordings: tuple[Aligned, ...] = ()
     version: str | None = None
+    at: datetime | None = None  # of the version
     believed: Believed | None = None
     note: str | None = None
 
@@ -73,16 +76,18 @@ def earlier_of(
     """What the session is compared with. A version's own recordings, where they are still there, say more than it."""
     if since is None:
         return Earlier(tuple(session.recordings(baseline or [], trajectory)))
+    at = None if since.created is None else datetime.fromisoformat(since.created)
     found = [path for used in since.fitted_on for path in _kept(session.hand.name, used.name)]
     wanted = {used.sha256 for used in since.fitted_on}
     read = [r for r in session.recordings(found, trajectory) if r.recording.sha256 in wanted]
     if read and {r.recording.sha256 for r in read} == wanted:
-        return Earlier(tuple(read), since.id)
+        return Earlier(tuple(read), since.id, at)
     from twin_daemon.changes.remembered import believed
     from twin_daemon.versions.posterior import intervals, posterior_of
 
     note = "the version's recordings are not at hand, so that its values stand for them: intervals are wider"
-    return Earlier((), since.id, believed(session.twin, intervals(posterior_of(since, session.store.now()))), note)
+    known = believed(session.twin, intervals(posterior_of(since, session.store.now())))
+    return Earlier((), since.id, at, known, note)
 
 
 def diagnosed_since(
@@ -93,9 +98,11 @@ def diagnosed_since(
     joints: Sequence[str] | None,
     seed: int,
     within_s: float | None,
+    covariate: Path | None = None,
 ) -> tuple[dict[str, Any], Since]:
-    """(what the command writes, the same as values)."""
+    """(what the command writes, the same as values). `covariate` is a file of temperatures by time."""
     from twin_daemon.changes.search import changes_since
+    from twin_daemon.changes.temperature import COLD_TO_WARM
     from twin_daemon.changes.thresholds import SPIKE
     from twin_daemon.processor_time import TimeLimit
     from twin_daemon.versions.spread import spread_between_sessions
@@ -104,6 +111,7 @@ def diagnosed_since(
 
     _require_another(recorded, earlier.recordings)
     spread = spread_between_sessions(session.store)
+    warmed = COLD_TO_WARM if covariate is None else _warmed(covariate, recorded, earlier)
     began = time.perf_counter()
     with streaming() as say:
         found = changes_since(
@@ -115,6 +123,7 @@ def diagnosed_since(
             believed=earlier.believed,
             spread=SPIKE if spread is None else spread,
             seed=seed,
+            warmed=warmed,
             stream=say,
             limit=TimeLimit(wall_s=within_s),
         )
@@ -142,6 +151,20 @@ def open_since(reference: str | None, hand: str | None, model: Path | None, **op
     since = version_since(session.store, reference)
     opened = open_session(hand, model, **{**options, "version": since.id})
     return replace(opened, store=session.store), since
+
+
+def _warmed(path: Path, recorded: Sequence[Aligned], earlier: Earlier) -> float:
+    """By how many of its own standard deviations a covariate differs between the sessions."""
+    from twin_daemon.versions.covariate import read_covariate
+
+    covariate = read_covariate(path)
+    before = [_began(one) for one in earlier.recordings] or ([earlier.at] if earlier.at else [])
+    values = [float(np.mean([covariate.at(when) for when in some])) for some in ([_began(r) for r in recorded], before)]
+    return abs(values[0] - values[1]) / max(covariate.spread, 1e-12)
+
+
+def _began(one: Aligned) -> datetime:
+    return datetime.fromtimestamp(int(one.recording.stamp_ns[0]) * 1e-9, UTC)
 
 
 def _require_another(recorded: Sequence[Aligned], baseline: Sequence[Aligned]) -> None:
