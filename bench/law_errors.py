@@ -21,6 +21,7 @@ import numpy as np
 from bench.random_robots.cases import Plan, build
 from bench.random_robots.laws import LIBRARY as WRITTEN_APART
 from bench.random_robots.laws import Law
+from bench.random_robots.laws.friction import Coulomb
 from bench.random_robots.laws.transmission import ServoPlay
 from bench.random_robots.plants import SETTLE_S, Unstable, arriving, at_samples, steps_of
 from bench.random_robots.robots import Robot
@@ -35,7 +36,7 @@ from twin_daemon.workflows.session import silence_mujoco
 SEEDS = (90000, 90002, 90004, 90006)
 _LEFT_OUT = {"torque_ripple", "gravity_tilt", "payload"}
 # what a form of a law is by the library's other values
-_BESIDE: dict[type[Law], dict[str, float]] = {ServoPlay: {"braked": 1.0}}
+_BESIDE: dict[type[Law], dict[str, float]] = {ServoPlay: {"braked": 1.0}, Coulomb: {"sticking": 0.0}}
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ import numpy as np
 from bench.changes_cases import BETWEEN_SESSIONS, FINGERS, SPREAD, Plant, plant_of, record
 from twin_daemon.changes.answer import Change, Since
 from twin_daemon.changes.search import changes_since
+from twin_daemon.changes.temperature import NAME as TEMPERATURE
 from twin_daemon.hand import load_hand
 from twin_daemon.recordings import load_recording
 from twin_daemon.simulation.alignment import align
@@ -182,14 +183,16 @@ def page(hands: Sequence[Hand]) -> str:
     looks = sum(len(hand.looks) for hand in hands)
     swings = [hand for hand in hands if hand.law == "temperature swings"]
     wrong, tied = (sum(getattr(hand, what) for hand in hands if hand not in swings) for what in ("wrong", "tied"))
-    swayed = sum(len(look.named) for hand in swings for look in hand.looks)
+    under_swings = [name for hand in swings for look in hand.looks for name in look.named]
+    weather = sum(TEMPERATURE in name[3] for name in under_swings)
     unworn = [hand for hand in hands if hand.law == "nothing"]
     alarms = sum(len(look.named) for hand in unworn for look in hand.looks)
     silent = sum(look.verdict == "not_excited" for hand in hands for look in hand.looks)
     seconds = float(np.median([look.took_s for hand in hands for look in hand.looks]))
     return _PAGE.format(
         rows="\n".join(rows), hands=len(hands), looks=looks, within=within, late=late, wrong=wrong, tied=tied,
-        unworn=len(unworn), alarms=alarms, swayed=swayed, silent=silent, seconds=seconds,
+        unworn=len(unworn), alarms=alarms, swayed=len(under_swings) - weather, weather=weather,
+        silent=silent, seconds=seconds,
     )  # fmt: skip
 
 
@@ -208,10 +211,11 @@ right one.
 
 {hands} hands, {looks} looks: named rightly by the look after *reached* {within} of {late} hands; wrong names {wrong},
 and {tied} that stood first and were said to be as likely as the right one; false alarms on unworn hands {alarms}
-({unworn} hands); names under swings of temperature alone {swayed}. In {silent} looks the joint had
-too little motion clear of contacts, and was not judged. A look took {seconds:.0f} s of one core (median).
+({unworn} hands); names under swings of temperature that are called wear {swayed}, and
+{weather} that are said to be as likely the temperature's. In {silent} looks the joint had too little motion clear of
+contacts, and was not judged. A look took {seconds:.0f} s of one core (median).
 
-Names under swings of temperature are changes of friction that were there, but are no wear: one comparison cannot know.
+Friction that has changed under a swing of temperature is no wear, and one comparison of one joint cannot know.
 The history can (`twin versions history --covariate FILE.csv`, [versions.md](versions.md)).
 """
 
