@@ -18,9 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from bench.changes_cases import BETWEEN_SESSIONS, FINGERS, SPREAD, Plant, plant_of, record
-from twin_daemon.changes.answer import Change, Since
+from twin_daemon.changes.answer import BY_TEMPERATURE, Change, Since
 from twin_daemon.changes.search import changes_since
-from twin_daemon.changes.temperature import NAME as TEMPERATURE
 from twin_daemon.hand import load_hand
 from twin_daemon.recordings import load_recording
 from twin_daemon.simulation.alignment import align
@@ -184,7 +183,7 @@ def page(hands: Sequence[Hand]) -> str:
     swings = [hand for hand in hands if hand.law == "temperature swings"]
     wrong, tied = (sum(getattr(hand, what) for hand in hands if hand not in swings) for what in ("wrong", "tied"))
     under_swings = [name for hand in swings for look in hand.looks for name in look.named]
-    weather = sum(TEMPERATURE in name[3] for name in under_swings)
+    weather = sum(BY_TEMPERATURE in name[3] for name in under_swings)
     unworn = [hand for hand in hands if hand.law == "nothing"]
     alarms = sum(len(look.named) for hand in unworn for look in hand.looks)
     silent = sum(look.verdict == "not_excited" for hand in hands for look in hand.looks)

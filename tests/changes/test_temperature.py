@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tests.simulation.made import START_NS, Motion, recorded, saved
-from twin_daemon.changes.temperature import NAME
+from twin_daemon.changes.answer import BY_TEMPERATURE
 from twin_daemon.cli.app import main
 from twin_daemon.hand import load_hand
 from twin_daemon.recordings.recording import Recording
@@ -68,7 +68,7 @@ def test_friction_of_all_joints_may_be_the_weather_unless_it_was_as_warm(
     found = since("cold", cold)
     assert found["verdict"] == "ambiguous"
     assert {change["effect"] for change in found["changes"]} == {"viscous_friction"}
-    assert all(NAME in change["rivals"] for change in found["changes"])
+    assert all(BY_TEMPERATURE in change["rivals"] for change in found["changes"])
     assert any("--covariate" in note for note in found["notes"])
 
     warm = tmp_path / "warm.csv"
@@ -76,13 +76,13 @@ def test_friction_of_all_joints_may_be_the_weather_unless_it_was_as_warm(
     warm.write_text("time,celsius\n" + "".join(f"{d},{c}\n" for d, c in zip(days, (21, 21, 25, 21, 21), strict=True)))
     again = since("cold", cold, "--covariate", str(warm))
     assert again["verdict"] == "explained"
-    assert not any(NAME in change["rivals"] for change in again["changes"])
+    assert not any(BY_TEMPERATURE in change["rivals"] for change in again["changes"])
 
 
 def test_friction_of_one_joint_is_not_the_weather(since: Callable[..., dict[str, Any]]) -> None:
     found = since("worn", {"elbow.damping": 1.15})
     assert [(change["effect"], change["joints"]) for change in found["changes"]] == [("viscous_friction", ["elbow"])]
-    assert NAME not in found["changes"][0]["rivals"]
+    assert BY_TEMPERATURE not in found["changes"][0]["rivals"]
     assert found["verdict"] == "explained"
 
 

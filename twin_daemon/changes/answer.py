@@ -22,6 +22,15 @@ class Valued(_Said):
     ci95: tuple[Number, Number]
 
 
+BY_TEMPERATURE = "temperature:robot"
+"""Among the rivals of a change: a colder or a warmer day, which no effect of the library is."""
+
+
+def rivals_in_words(rivals: Sequence[str]) -> str:
+    """What explains the same as a change, in words."""
+    return ", ".join("a colder or a warmer day" if rival == BY_TEMPERATURE else rival for rival in rivals)
+
+
 UNKNOWN = Valued(value=np.nan, ci95=(np.nan, np.nan))
 
 

@@ -8,7 +8,17 @@ from datetime import UTC, datetime
 import numpy as np
 
 from twin_daemon.changes import temperature
-from twin_daemon.changes.answer import UNKNOWN, Change, Since, Unchanged, Undetectable, Valued, sentence
+from twin_daemon.changes.answer import (
+    BY_TEMPERATURE,
+    UNKNOWN,
+    Change,
+    Since,
+    Unchanged,
+    Undetectable,
+    Valued,
+    rivals_in_words,
+    sentence,
+)
 from twin_daemon.changes.diagnosed import as_change
 from twin_daemon.changes.group_search import GroupFound
 from twin_daemon.changes.quantities import Quantity, term_of
@@ -61,7 +71,7 @@ def conclude(
         )
     elif ambiguous:
         verdict = "ambiguous"
-        reason = f"{ambiguous[0].words}; the same may come from {', '.join(ambiguous[0].rivals)}"
+        reason = f"{ambiguous[0].words}; the same may come from {rivals_in_words(ambiguous[0].rivals)}"
     elif changes:
         verdict, reason = "explained", "; ".join(change.words for change in changes)
     elif not unchanged:
@@ -90,7 +100,7 @@ def conclude(
         undetectable=undetectable,
         interrupted=interrupted,
         notes=(
-            *([temperature.NOTE] if any(temperature.NAME in change.rivals for change in changes) else ()),
+            *([temperature.NOTE] if any(BY_TEMPERATURE in change.rivals for change in changes) else ()),
             *(f"{name}: too little motion clear of contacts in both sessions" for name in touching),
             *([not_answering(unanswering)] if unanswering else ()),
         ),
@@ -100,7 +110,7 @@ def conclude(
 def _rivals(found: Sequence[GroupFound], group: GroupFound, index: int, warmed: float) -> tuple[str, ...]:
     """What explains the same as a change: others of its group, and the temperature."""
     own = tuple(_place(group.quantities[i]) for i in group.rivals[index])
-    return (*own, temperature.NAME) if temperature.explains(found, group, index, warmed) else own
+    return (*own, BY_TEMPERATURE) if temperature.explains(found, group, index, warmed) else own
 
 
 def _change(group: GroupFound, index: int, first_seen: str, rivals: tuple[str, ...]) -> Change:

@@ -11,7 +11,6 @@ from twin_daemon.changes.quantities import Quantity
 from twin_daemon.changes.thresholds import TEMPERATURE
 from twin_daemon.estimation.thresholds import Z95
 
-NAME = "temperature:robot"
 COLD_TO_WARM = 2.0  # standard deviations of a temperature that nobody has told
 
 NOTE = (

@@ -19,6 +19,8 @@ _MOST_JOINTS = 2
 
 def show(console: Console, found: Since) -> None:
     """The verdict, the changes as a table, what has not changed, and what could not be seen."""
+    from twin_daemon.changes.answer import rivals_in_words
+
     headline = {
         "explained": "Changed: both sessions are explained with what is listed.",
         "within_noise": "Unchanged: nothing that these recordings would show has changed.",
@@ -42,7 +44,7 @@ def show(console: Console, found: Since) -> None:
         console.print(table)
         for change, finding in zip(found.changes, found.findings, strict=True):
             if change.rivals:
-                console.print(f"  not told apart from: {plain_text(', '.join(change.rivals))}")
+                console.print(f"  not told apart from: {plain_text(rivals_in_words(change.rivals))}")
             console.print(f"  {plain_text(finding.explanation)}")
     if found.unchanged:
         table = slim_table("unchanged, and would have been seen", ("joint", "what", "from"), words=("what",))
