@@ -22,7 +22,7 @@ from twin_daemon.changes.answer import (
 from twin_daemon.changes.diagnosed import as_change
 from twin_daemon.changes.group_search import GroupFound
 from twin_daemon.changes.quantities import Quantity, term_of
-from twin_daemon.changes.thresholds import AS_GOOD_AS_NONE, BLOCK_SAMPLES, LEFT_OVER, NAMED, POSSIBLE
+from twin_daemon.changes.thresholds import AS_GOOD_AS_NONE, BLOCK_SAMPLES, COLD_TO_WARM, LEFT_OVER, NAMED, POSSIBLE
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding, PartSummary, VerdictName
 from twin_daemon.effects import LIBRARY
 from twin_daemon.estimation.estimate import Estimate
@@ -39,7 +39,7 @@ def conclude(
     unanswering: Sequence[str],
     seed: int,
     interrupted: bool,
-    warmed: float = temperature.COLD_TO_WARM,
+    warmed: float = COLD_TO_WARM,
 ) -> Since:
     """The verdict of all groups, with every change as a finding under the effect that it stands for.
 

@@ -10,8 +10,7 @@ from twin_daemon.changes.diagnosed import changed_together, diagnosed
 from twin_daemon.changes.group import Begun, Believed, Group, Sessions, begun, group_of
 from twin_daemon.changes.group_search import GroupFound, search_group
 from twin_daemon.changes.quantities import Quantity, quantities
-from twin_daemon.changes.temperature import COLD_TO_WARM
-from twin_daemon.changes.thresholds import LEFT_OVER, SPIKE
+from twin_daemon.changes.thresholds import COLD_TO_WARM, LEFT_OVER, SPIKE
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.executor import in_order, side_by_side

@@ -11,8 +11,6 @@ from twin_daemon.changes.quantities import Quantity
 from twin_daemon.changes.thresholds import TEMPERATURE
 from twin_daemon.estimation.thresholds import Z95
 
-COLD_TO_WARM = 2.0  # standard deviations of a temperature that nobody has told
-
 NOTE = (
     "a colder or a warmer day changes the friction of all joints by as much: --covariate FILE.csv says how warm it "
     "was, and motion of other joints whether theirs has changed"

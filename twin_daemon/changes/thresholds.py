@@ -22,6 +22,9 @@ TEMPERATURE = Threshold(
     "1",
     "of friction's logarithm, by one standard deviation of the temperature: 3 K, and 3 % a kelvin, as of most greases",
 )
+COLD_TO_WARM = Threshold(
+    2.0, "1", "standard deviations of a temperature that nobody has told: from the coldest day to the warmest"
+)
 SHARED_UNITS = Threshold(1.0, "units", "of an effect's typical size: how strong it may be in both sessions")
 ABSENT = Threshold(1e-3, "units", "of an effect's typical size: spread of one that is neither seen nor suspected")
 SPIKE_UNITS = Threshold(0.03, "units", "of that size: spread between sessions without wear")

@@ -102,8 +102,7 @@ def diagnosed_since(
 ) -> tuple[dict[str, Any], Since]:
     """(what the command writes, the same as values). `covariate` is a file of temperatures by time."""
     from twin_daemon.changes.search import changes_since
-    from twin_daemon.changes.temperature import COLD_TO_WARM
-    from twin_daemon.changes.thresholds import SPIKE
+    from twin_daemon.changes.thresholds import COLD_TO_WARM, SPIKE
     from twin_daemon.processor_time import TimeLimit
     from twin_daemon.versions.spread import spread_between_sessions
     from twin_daemon.workflows.diagnosis import ended_early, joint_names, read_from
