@@ -91,6 +91,18 @@ def test_a_covariate_needs_two_sessions(capsys: pytest.CaptureFixture[str]) -> N
     assert "--baseline or --since" in capsys.readouterr().err
 
 
+def test_a_version_of_no_day_cannot_be_as_warm(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    model, bag, warm = tmp_path / "arm.xml", tmp_path / "now.mcap", tmp_path / "warm.csv"
+    model.write_text(_ARM)
+    plant = TwinModel.load(load_hand(model=model))
+    saved(recorded(plant, _NOW, np.random.default_rng(3), seconds=7.0), bag)
+    days = (START_NS * 1e-9 + 86_400 * day for day in (-1, 1))
+    warm.write_text("time,celsius\n" + "".join(f"{day},21\n" for day in days))
+    given = ["--model", str(model), "--recording", str(bag), "--since", "nominal", "--covariate", str(warm)]
+    assert main(["diagnose", *given]) != 0
+    assert "is of no day" in capsys.readouterr().err
+
+
 def _later(recording: Recording) -> Recording:
     assert recording.commands is not None
     commands = replace(recording.commands, stamp_ns=recording.commands.stamp_ns + LATER_NS)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import UTC, datetime
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from twin_daemon.changes.answer import (
 from twin_daemon.changes.diagnosed import as_change
 from twin_daemon.changes.group_search import GroupFound
 from twin_daemon.changes.quantities import Quantity, term_of
-from twin_daemon.changes.thresholds import AS_GOOD_AS_NONE, BLOCK_SAMPLES, COLD_TO_WARM, LEFT_OVER, NAMED, POSSIBLE
+from twin_daemon.changes.thresholds import AS_GOOD_AS_NONE, BLOCK_SAMPLES, LEFT_OVER, NAMED, POSSIBLE
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding, PartSummary, VerdictName
 from twin_daemon.effects import LIBRARY
 from twin_daemon.estimation.estimate import Estimate
@@ -39,14 +38,14 @@ def conclude(
     unanswering: Sequence[str],
     seed: int,
     interrupted: bool,
-    warmed: float = COLD_TO_WARM,
+    warmed: float,
 ) -> Since:
     """The verdict of all groups, with every change as a finding under the effect that it stands for.
 
     `told` are diagnoses of the groups that are not among `found`. Joints that are `unanswering` stand still now,
     although they are told to move. `warmed` is by how many standard deviations of the temperature sessions may differ.
     """
-    first_seen = _utc(min(int(r.recording.stamp_ns[0]) for r in now))
+    first_seen = min(r.recording.began for r in now).isoformat(timespec="seconds")
     pairs = [(group, index) for group in found for index in group.changed]
     pairs.sort(key=lambda pair: -pair[0].evidence[pair[1]])
     changes = tuple(_change(group, index, first_seen, _rivals(found, group, index, warmed)) for group, index in pairs)
@@ -230,7 +229,3 @@ def _not_changed(found: Sequence[GroupFound]) -> tuple[tuple[Unchanged, ...], tu
 
 def _place(quantity: Quantity) -> str:
     return f"{quantity.effect}:{quantity.target}"
-
-
-def _utc(stamp_ns: int) -> str:
-    return datetime.fromtimestamp(stamp_ns * 1e-9, UTC).isoformat(timespec="seconds")

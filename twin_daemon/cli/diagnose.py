@@ -60,7 +60,11 @@ def command(
     ] = None,
     covariate: Annotated[
         Path | None,
-        typer.Option("--covariate", metavar="FILE.csv", help="With those two: a temperature or load by time."),
+        typer.Option(
+            "--covariate",
+            metavar="FILE.csv",
+            help="With --since or --baseline: the temperature by time, which is no wear.",
+        ),
     ] = None,
     hand: options.HandName = None,
     model: options.Model = None,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal
 
@@ -57,6 +58,11 @@ class Recording:
     def time_s(self) -> np.ndarray:
         """(n,) seconds since the first sample."""
         return (self.stamp_ns - self.stamp_ns[0]) * 1e-9
+
+    @property
+    def began(self) -> datetime:
+        """When it begins, UTC."""
+        return datetime.fromtimestamp(int(self.stamp_ns[0]) * 1e-9, UTC)
 
     @property
     def duration_s(self) -> float:

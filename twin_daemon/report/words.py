@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from twin_daemon.changes.answer import rivals_in_words
 from twin_daemon.diagnosis.thresholds import DECISIVE_NATS
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding, VerdictName, in_hundred
 
@@ -57,7 +58,7 @@ def how_sure(finding: Finding, verdict: VerdictName) -> str:
         f"{number(finding.evidence_nats, 4)} nats; a difference of {DECISIVE_NATS:g} decides between two candidates."
     )
     if finding.confusable_with:
-        return f"Not sure which: these data do not tell it from {', '.join(finding.confusable_with)}. {said}"
+        return f"Not sure which: these data do not tell it from {rivals_in_words(finding.confusable_with)}. {said}"
     if verdict == "unexplained":
         return f"It helps, but do not take it for the whole cause: something is left that it does not explain. {said}"
     if low > 0 and finding.evidence_nats > DECISIVE_NATS:

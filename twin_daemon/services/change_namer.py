@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from twin_daemon.changes.answer import rivals_in_words
 from twin_daemon.daemon.service import TwinService
 from twin_daemon.errors import TwinError
 from twin_daemon.services.child import Child
@@ -126,6 +125,8 @@ class ChangeNamer:
 
 def change_in_words(change: dict[str, Any]) -> str:
     """One change of `twin diagnose --since`, with what else it may be and what to do."""
+    from twin_daemon.changes.answer import rivals_in_words  # not for a start of the daemon
+
     rivals = f" (or {rivals_in_words(change['rivals'])}, which looks alike)" if change["rivals"] else ""
     return f"{change['words']}{rivals}; {change['remedy']}"
 

@@ -64,7 +64,6 @@ def read_covariate(path: Path) -> Covariate:
     times, values = np.array(sorted(read)).T
     if not np.isfinite(values).all():
         raise BadInput(f"{path} has values that are no numbers", todo="Leave those lines out")
-
     return Covariate(path, times, values)
 
 

@@ -28,7 +28,7 @@ class Earlier:
 
     recordings: tuple[Aligned, ...] = ()
     version: str | None = None
-    at: datetime | None = None  # of the version
+    at: datetime | None = None  # of the version, where it stands for recordings
     believed: Believed | None = None
     note: str | None = None
 
@@ -76,17 +76,17 @@ def earlier_of(
     """What the session is compared with. A version's own recordings, where they are still there, say more than it."""
     if since is None:
         return Earlier(tuple(session.recordings(baseline or [], trajectory)))
-    at = None if since.created is None else datetime.fromisoformat(since.created)
     found = [path for used in since.fitted_on for path in _kept(session.hand.name, used.name)]
     wanted = {used.sha256 for used in since.fitted_on}
     read = [r for r in session.recordings(found, trajectory) if r.recording.sha256 in wanted]
     if read and {r.recording.sha256 for r in read} == wanted:
-        return Earlier(tuple(read), since.id, at)
+        return Earlier(tuple(read), since.id)
     from twin_daemon.changes.remembered import believed
     from twin_daemon.versions.posterior import intervals, posterior_of
 
     note = "the version's recordings are not at hand, so that its values stand for them: intervals are wider"
     known = believed(session.twin, intervals(posterior_of(since, session.store.now())))
+    at = None if since.created is None else datetime.fromisoformat(since.created)
     return Earlier((), since.id, at, known, note)
 
 
@@ -157,13 +157,18 @@ def _warmed(path: Path, recorded: Sequence[Aligned], earlier: Earlier) -> float:
     from twin_daemon.versions.covariate import read_covariate
 
     covariate = read_covariate(path)
-    before = [_began(one) for one in earlier.recordings] or ([earlier.at] if earlier.at else [])
-    values = [float(np.mean([covariate.at(when) for when in some])) for some in ([_began(r) for r in recorded], before)]
-    return abs(values[0] - values[1]) / max(covariate.spread, 1e-12)
-
-
-def _began(one: Aligned) -> datetime:
-    return datetime.fromtimestamp(int(one.recording.stamp_ns[0]) * 1e-9, UTC)
+    before = [one.recording.began for one in earlier.recordings] or ([earlier.at] if earlier.at else [])
+    if not before:
+        raise BadInput(
+            f"version {earlier.version} is of no day, so that {path} cannot say how warm it was",
+            where="--covariate",
+            todo="Leave it away, or compare with a version that was fitted, or with a recording (--baseline)",
+        )
+    then, now = (
+        float(np.mean([covariate.at(when) for when in begins]))
+        for begins in (before, [one.recording.began for one in recorded])
+    )
+    return abs(now - then) / max(covariate.spread, 1e-12)
 
 
 def _require_another(recorded: Sequence[Aligned], baseline: Sequence[Aligned]) -> None:
