@@ -63,7 +63,7 @@ class Case:
 class Plant:
     """The compiled hand with what MuJoCo has no field for, at one joint: load friction, elastic tendon, play, a spring.
 
-    `gain` and `offset_rad` are of the joint's reading.
+    Its servo gives no more than its `forcerange`. `gain` and `offset_rad` are of the joint's reading.
     """
 
     model: mujoco.MjModel
@@ -76,12 +76,20 @@ class Plant:
     gain: float = 1.0
     offset_rad: float = 0.0
 
+    @property
+    def _torques(self) -> tuple[float, float]:
+        """N m: the least and the most that the servo gives."""
+        limited = self.model.actuator_forcelimited[self.actuator]
+        least, most = self.model.actuator_forcerange[self.actuator] if limited else (-np.inf, np.inf)
+        return float(least), float(most)
+
     def moved(self, commands: np.ndarray) -> np.ndarray:
         """Commands (n, nu) at RATE_HZ -> joint angles (n, nj) in rad."""
         m = self.model
         data = mujoco.MjData(m)
         dof, adr = int(m.jnt_dofadr[self.joint]), int(m.jnt_qposadr[self.joint])
         kp = float(m.actuator_gainprm[self.actuator, 0])
+        least, most = self._torques
         dry, damping = float(m.dof_frictionloss[dof]), float(m.dof_damping[dof])
         motor = None
         if self.tendon is not None:
@@ -93,18 +101,21 @@ class Plant:
         for index, target in enumerate(commands):
             for _ in range(settle if index == 0 else per_sample):
                 error = float(target[self.actuator] - data.qpos[adr])
-                torque = kp * error
+                torque = servo = min(max(kp * error, least), most)
                 data.qfrc_applied[dof] = 0.0
                 if self.tendon is not None and motor is not None:
                     lossy = 0.5 * damping / STEP_S
-                    motor = (lossy * motor + kp * float(target[self.actuator]) + self.tendon * data.qpos[adr]) / (
-                        lossy + kp + self.tendon
-                    )
+                    held, other = lossy * motor + self.tendon * data.qpos[adr], lossy + self.tendon
+                    aim = float(target[self.actuator])
+                    motor = (held + kp * aim) / (other + kp)
+                    if not least <= kp * (aim - motor) <= most:  # the servo gives what it can
+                        motor = (held + (most if aim > motor else least)) / other
                     torque = self.tendon * (motor - data.qpos[adr])
                     data.qfrc_applied[dof] = torque
                 elif self.gap_rad:
-                    torque = kp * float(np.sign(error) * max(abs(error) - 0.5 * self.gap_rad, 0.0))
-                    data.qfrc_applied[dof] = torque - kp * error
+                    pulls = kp * float(np.sign(error) * max(abs(error) - 0.5 * self.gap_rad, 0.0))
+                    torque = min(max(pulls, least), most)
+                    data.qfrc_applied[dof] = torque - servo
                 data.qfrc_applied[dof] -= self.cubic * (data.qpos[adr] - CUBIC_CENTRE_RAD) ** 3
                 m.dof_frictionloss[dof] = dry + self.load_friction * abs(torque)
                 data.ctrl[:] = target

@@ -14,7 +14,6 @@ import pytest
 
 from tests.simulation.made import Motion, recorded, saved
 from twin_daemon.changes.group import Sessions, begun, group_of
-from twin_daemon.changes.group_search import asks_for_an_effect
 from twin_daemon.changes.quantities import quantities, term_of, with_companions
 from twin_daemon.cli.app import main
 from twin_daemon.estimation.partition import Reduction
@@ -290,5 +289,5 @@ def test_an_effect_is_looked_for_only_where_the_later_session_is_off(
         (reduced,) = Reduction(twin, [healthy], [now]).each(twin, [(group, [JOINT])])
         assert reduced is not None
         sessions = Sessions(before=tuple(reduced.train), now=tuple(reduced.holdout))
-        asked.append(asks_for_an_effect(group_of(begun(reduced, sessions, quantities(twin, (JOINT,)))).without))
+        asked.append(group_of(begun(reduced, sessions, quantities(twin, (JOINT,)))).without.asks_for_an_effect)
     assert asked == [False, True]

@@ -22,28 +22,28 @@ from twin_daemon.changes.diagnosed import as_change
 from twin_daemon.changes.group_search import GroupFound
 from twin_daemon.changes.quantities import Quantity, term_of
 from twin_daemon.changes.thresholds import AS_GOOD_AS_NONE, BLOCK_SAMPLES, LEFT_OVER, NAMED, POSSIBLE
+from twin_daemon.diagnosis.left_out import LeftOut
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding, PartSummary, VerdictName
 from twin_daemon.effects import LIBRARY
 from twin_daemon.estimation.estimate import Estimate
 from twin_daemon.estimation.thresholds import RELATIVE_FLOOR, Z95
 from twin_daemon.estimation.uncertainty import block_gain
-from twin_daemon.simulation.alignment import Aligned, not_answering
+from twin_daemon.simulation.alignment import Aligned
 
 
 def conclude(
     found: Sequence[GroupFound],
     told: Sequence[Diagnosis],
     now: Sequence[Aligned],
-    touching: Sequence[str],
-    unanswering: Sequence[str],
+    left_out: LeftOut,
     seed: int,
     interrupted: bool,
     warmed: float,
 ) -> Since:
     """The verdict of all groups, with every change as a finding under the effect that it stands for.
 
-    `told` are diagnoses of the groups that are not among `found`. Joints that are `unanswering` stand still now,
-    although they are told to move. `warmed` is by how many standard deviations of the temperature sessions may differ.
+    `told` are diagnoses of the groups that are not among `found`. `warmed` is by how many standard deviations of the
+    temperature sessions may differ.
     """
     first_seen = min(r.recording.began for r in now).isoformat(timespec="seconds")
     pairs = [(group, index) for group in found for index in group.changed]
@@ -61,7 +61,7 @@ def conclude(
     verdict: VerdictName
     if not found and not told:
         verdict = "unexplained" if interrupted else "not_excited"
-        reason = f"{', '.join(touching) or 'no joint'}: too little motion clear of contacts in both sessions"
+        reason = f"{', '.join(left_out.touching) or 'no joint'}: too little motion clear of contacts in both sessions"
     elif worst is not None and worst.left > LEFT_OVER:
         verdict = "unexplained"
         reason = (
@@ -77,7 +77,7 @@ def conclude(
         verdict, reason = "not_excited", "these recordings would not have shown any change: move faster, and reverse"
     else:
         verdict, reason = "within_noise", "nothing has changed that these recordings would show"
-        reason += f"; not looked at: {', '.join(touching)}" if touching else ""
+        reason += f"; not looked at: {', '.join(left_out.touching)}" if left_out.touching else ""
     return Since(
         verdict=verdict,
         reason=reason,
@@ -100,8 +100,7 @@ def conclude(
         interrupted=interrupted,
         notes=(
             *([temperature.NOTE] if any(BY_TEMPERATURE in change.rivals for change in changes) else ()),
-            *(f"{name}: too little motion clear of contacts in both sessions" for name in touching),
-            *([not_answering(unanswering)] if unanswering else ()),
+            *left_out.notes(),
         ),
     )
 

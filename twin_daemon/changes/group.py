@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from twin_daemon.changes.thresholds import SHORT_STEP, WITHIN
 from twin_daemon.estimation.nuisances import nuisance_variables
 from twin_daemon.estimation.partition import Reduced
 from twin_daemon.estimation.posterior import Correction, floor_and_corrections
+from twin_daemon.estimation.thresholds import FINER_STEPS
 from twin_daemon.simulation.alignment import Aligned
 from twin_daemon.simulation.twin import TwinModel
 
@@ -64,6 +65,7 @@ class Begun:
 
     reduced: Reduced
     sessions: Sessions
+    believed: Believed
     pair: Pair
     alone: Fit | None
     floor: np.ndarray
@@ -99,7 +101,7 @@ def begun(
     means = np.array([known.centre.get(q.name, 0.0) for q in every])
     sigmas = np.array([known.sigma.get(q.name, q.shared_sigma) for q in every])
     pair = Pair(earlier, later, means, sigmas)
-    return Begun(reduced, sessions, pair, _alone(pair.baseline_only()) if earlier else None, floor)
+    return Begun(reduced, sessions, known, pair, _alone(pair.baseline_only()) if earlier else None, floor)
 
 
 def _alone(pair: Pair) -> Fit:
@@ -118,7 +120,20 @@ def _is_off(alone: Fit) -> bool:
 
 
 def group_of(one: Begun) -> Group:
-    """A group before any change is looked for, with the effects that its earlier session shows."""
+    """A group before any change is looked for, with the effects that its earlier session shows.
+
+    Where it shows any, or the later one is off without, all is done at a finer time step: what steps get wrong is
+    known of the model alone. A brake that sticks is further off, and another effect takes that away.
+    """
+    found = _opened(one)
+    if one.alone is None or not (found.pair.now.active or found.without.asks_for_an_effect):
+        return found
+    twin = one.reduced.twin
+    finer = replace(one.reduced, twin=twin.at_step(float(twin.model.opt.timestep) / FINER_STEPS))
+    return _opened(begun(finer, one.sessions, one.pair.now.quantities, one.believed, one.values))
+
+
+def _opened(one: Begun) -> Group:
     pair, start = settled(one.pair, one.alone)
     return Group(one.reduced, one.sessions, pair, start, pair.fit((), start), one.floor)
 

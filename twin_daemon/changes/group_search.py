@@ -27,7 +27,6 @@ from twin_daemon.changes.thresholds import (
     TOLD_APART_NATS,
     WORTH_REFITTING,
 )
-from twin_daemon.estimation.thresholds import Z95
 
 
 @dataclass
@@ -70,7 +69,6 @@ def _select(group: Group, price: float) -> GroupFound:
     probability: dict[int, float] = {}
     evidence: dict[int, float] = {}
     rivals: dict[int, tuple[int, ...]] = {}
-    apart = max(float(TOLD_APART_NATS), ROUGH * pair.roughness(found))
     for _ in range(MOST_CHANGES):
         fits, odds = _tried(found, start if not chosen else None, chosen, price)
         total = float(np.logaddexp.reduce([0.0, *odds.values()]))
@@ -82,11 +80,7 @@ def _select(group: Group, price: float) -> GroupFound:
         gained = fits[best].log_evidence - found.log_evidence
         if chosen and gained < FURTHER_SHARE * evidence[chosen[0]]:
             break
-        rivals[best] = tuple(
-            i
-            for i, f in fits.items()
-            if i != best and fits[best].log_evidence - f.log_evidence < max(apart, least_apart(f.pair, best, i))
-        )
+        rivals[best] = _rivals(fits, best)
         evidence[best] = gained
         chosen, found = (*chosen, best), fits[best]
     kept, found = _needed(found, chosen, evidence, price)
@@ -109,6 +103,16 @@ def _select(group: Group, price: float) -> GroupFound:
         _left(group.without),
         _left(found),
     )
+
+
+def _rivals(fits: Mapping[int, Fit], best: int) -> tuple[int, ...]:
+    """Changes that the best one does not beat by as much as its own evidence scatters by where it has ended."""
+    found, others = fits[best], [(i, one) for i, one in fits.items() if i != best]
+    if not others:
+        return ()
+    apart = max(float(TOLD_APART_NATS), ROUGH * found.pair.roughness(found))
+    behind = ((i, found.log_evidence - one.log_evidence, least_apart(one.pair, best, i)) for i, one in others)
+    return tuple(i for i, nats, least in behind if nats < max(apart, least))
 
 
 def _needed(
@@ -150,7 +154,7 @@ def _tried(
     `start` is where the earlier session's own fit ends: a change is often found from there, as `fit` has had to make up
     for it.
     """
-    pair, asked_for = fit.pair, asks_for_an_effect(fit)
+    pair, asked_for = fit.pair, fit.asks_for_an_effect
     odds: dict[int, float] = {}
     begun: dict[int, list[Fit]] = {}
     for index, quantity in enumerate(pair.now.quantities):
@@ -264,32 +268,9 @@ def _alone(origin: Fit, place: int, sigma: float) -> float:
     return float(origin.point[place] - column @ origin.rows / (column @ column + 1.0 / sigma**2))
 
 
-def _by_chance(fit: Fit) -> tuple[float, float]:
-    """(what the later session costs where nothing has changed, how much more than that it may cost by chance: 95 %).
-
-    As the earlier one says; rows count as many samples as they are independent. Nothing where a version stands for it.
-    """
-    before, now = fit.by_session
-    earlier = float(before @ before)
-    if earlier <= 0.0:
-        return 0.0, 0.0
-    expected = earlier * len(now) / len(before)
-    return expected, Z95 * expected * float(np.sqrt(2.0 / earlier + 2.0 / expected))
-
-
-def asks_for_an_effect(fit: Fit) -> bool:
-    """Whether the later session is off, so that something may have appeared in it.
-
-    An effect always takes a little of what the model gets wrong away. Where the earlier session, which shows nothing of
-    it, is as far off, that is no evidence of it.
-    """
-    expected, more = _by_chance(fit)
-    return fit.strain * expected > expected + more if expected > 0.0 else True
-
-
 def _seen_from(fit: Fit, price: float) -> dict[int, float]:
     """By quantity the change of z from which its probability would have been SEEN, had nothing else changed."""
-    found, least = {}, 0.5 * _by_chance(fit)[1]
+    found, least = {}, 0.5 * fit.by_chance[1]
     spikes = fit.pair.sigmas(())[fit.pair.count :]
     for index, quantity in enumerate(fit.pair.now.quantities):
         if quantity.wears:

@@ -16,7 +16,7 @@ from twin_daemon.changes.quantities import Quantity, with_companions
 from twin_daemon.changes.sessions import Session
 from twin_daemon.changes.thresholds import ABSENT, DRAWN, NEARBY, ROUNDS, SETTLED_NATS
 from twin_daemon.estimation.solvers.trust_region import bounded_step
-from twin_daemon.estimation.thresholds import GOOD_AGREEMENT, LEAST_AGREEMENT, SHRINK, SMALLEST_RADIUS
+from twin_daemon.estimation.thresholds import GOOD_AGREEMENT, LEAST_AGREEMENT, SHRINK, SMALLEST_RADIUS, Z95
 
 
 @dataclass(frozen=True)
@@ -62,6 +62,30 @@ class Fit:
         earlier = float(before @ before)
         later = (self.cost - earlier) / len(now)
         return later / max(earlier / len(before), 1e-30) if len(before) else later
+
+    @property
+    def by_chance(self) -> tuple[float, float]:
+        """(what the later session costs where nothing has changed, how much more it may cost by chance: 95 %).
+
+        As the earlier one says; rows count as many samples as they are independent. Nothing where a version stands for
+        it.
+        """
+        before, now = self.by_session
+        earlier = float(before @ before)
+        if earlier <= 0.0:
+            return 0.0, 0.0
+        expected = earlier * len(now) / len(before)
+        return expected, Z95 * expected * float(np.sqrt(2.0 / earlier + 2.0 / expected))
+
+    @property
+    def asks_for_an_effect(self) -> bool:
+        """Whether the later session is off, so that something may have appeared in it.
+
+        An effect always takes a little of what the model gets wrong away. Where the earlier session, which shows
+        nothing of it, is as far off, that is no evidence of it.
+        """
+        expected, more = self.by_chance
+        return self.strain * expected > expected + more if expected > 0.0 else True
 
     @property
     def log_evidence(self) -> float:

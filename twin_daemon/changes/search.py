@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 from twin_daemon.changes.answer import Since
 from twin_daemon.changes.conclude import conclude
@@ -11,13 +11,14 @@ from twin_daemon.changes.group import Begun, Believed, Group, Sessions, begun, g
 from twin_daemon.changes.group_search import GroupFound, search_group
 from twin_daemon.changes.quantities import Quantity, quantities
 from twin_daemon.changes.thresholds import COLD_TO_WARM, LEFT_OVER, SPIKE
+from twin_daemon.diagnosis.left_out import LeftOut
 from twin_daemon.diagnosis.verdict import Diagnosis, Finding
 from twin_daemon.estimation.partition import Reduced, Reduction
 from twin_daemon.executor import in_order, side_by_side
 from twin_daemon.processes import Say
 from twin_daemon.processor_time import OutOfTime, TimeLimit
 from twin_daemon.simulation.alignment import Aligned, judged_joints, moving_joints, unanswering_joints
-from twin_daemon.simulation.submodel import drive_groups
+from twin_daemon.simulation.submodel import Part, drive_groups
 from twin_daemon.simulation.twin import TwinModel
 
 
@@ -50,9 +51,12 @@ def changes_since(
     reduction = Reduction(twin, baseline, [*now, *held]) if baseline else Reduction(twin, now, held)
     chosen = [(group, [name for name in moving if name in group.joints]) for group in drive_groups(twin)]
     chosen = [(group, own) for group, own in chosen if own]
-    cut = [reduced for reduced in reduction.each(twin, chosen) if reduced is not None]
-    usable = [(reduced, sessions) for reduced in cut if (sessions := _sessions(reduced, baseline, now)).now]
-    touching = [group.name for group, _ in chosen if group.name not in {reduced.name for reduced, _ in usable}]
+    usable = _cut(twin, reduction, chosen, baseline, now)
+    unseen = _not_among(chosen, usable)
+    nearer = _cut(twin, reduction.where_near(), unseen, baseline, now) if unseen else []
+    near = [reduced.name for reduced, _ in nearer]
+    usable = [*usable, *nearer]
+    touching = {group.name: tuple(own) for group, own in _not_among(chosen, usable)}
     each = [quantities(reduced.twin, reduced.joints, spread) for reduced, _ in usable]
     candidates = sum(q.wears for every in each for q in every)
     found: list[GroupFound] = []
@@ -75,7 +79,7 @@ def changes_since(
     try:
         with limit.enforced():
             first = in_order(begin, [(*group, every, {}) for group, every in zip(usable, each, strict=True)], say)
-            cut = [(part, _sessions(part, baseline, now), one) for one, part in _closer(twin, reduction, first)]
+            cut = [(part, _sessions(part, baseline, now), one) for one, part in _closer(twin, reduction, near, first)]
             anew = [
                 (part, both, one.pair.now.quantities, one.values) for part, both, one in cut if both.before and both.now
             ]
@@ -100,15 +104,40 @@ def changes_since(
         interrupted = True
     order = list(twin.joints)
     found.sort(key=lambda one: order.index(one.joints[0]))
-    unanswering = [name for name in unanswering_joints(twin, now) if name in moving]
-    return conclude(found, told, now, touching, unanswering, seed, interrupted, warmed)
+    left_out = LeftOut(
+        touching, near=near, unanswering=[name for name in unanswering_joints(twin, now) if name in moving]
+    )
+    return conclude(found, told, now, left_out, seed, interrupted, warmed)
 
 
-def _closer(twin: TwinModel, reduction: Reduction, groups: Sequence[Begun]) -> list[tuple[Begun, Reduced]]:
+_Chosen = tuple[Part, list[str]]
+
+
+def _cut(
+    twin: TwinModel,
+    reduction: Reduction,
+    chosen: Sequence[_Chosen],
+    baseline: Sequence[Aligned],
+    now: Sequence[Aligned],
+) -> list[tuple[Reduced, Sessions]]:
+    """The groups of which a reduction leaves enough motion of both sessions, with it."""
+    cut = [reduced for reduced in reduction.each(twin, chosen) if reduced is not None]
+    return [(reduced, sessions) for reduced in cut if (sessions := _sessions(reduced, baseline, now)).now]
+
+
+def _not_among(chosen: Sequence[_Chosen], usable: Sequence[tuple[Reduced, Sessions]]) -> list[_Chosen]:
+    seen = {reduced.name for reduced, _ in usable}
+    return [(group, own) for group, own in chosen if group.name not in seen]
+
+
+def _closer(
+    twin: TwinModel, reduction: Reduction, near: Collection[str], groups: Sequence[Begun]
+) -> list[tuple[Begun, Reduced]]:
     """Those that their earlier session's fit leaves off, cut anew where the others move as they have been fitted.
 
     A model that is off makes another motion of a fast one when it smooths what was measured, so that what it takes the
-    others to do to a neighbour is wrong; and its time step's error is another one.
+    others to do to a neighbour is wrong; and its time step's error is another one. Those that are `near` something all
+    the time are cut as they were.
     """
     off = [one for one in groups if one.is_off]
     if not off:
@@ -117,7 +146,8 @@ def _closer(twin: TwinModel, reduction: Reduction, groups: Sequence[Begun]) -> l
     for one in groups:
         values |= one.values
     closer = reduction.following(twin.changed(twin.terms.model_copy(update={"parameters": values})))
-    cut = [(one, closer.anew(twin, one.reduced)) for one in off]
+    nearer = closer.where_near()
+    cut = [(one, (nearer if one.reduced.name in near else closer).anew(twin, one.reduced)) for one in off]
     return [(one, part) for one, part in cut if part is not None]
 
 

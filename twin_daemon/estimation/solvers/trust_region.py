@@ -126,8 +126,9 @@ def _seen_across(
     tried = [usual, *wider_ones]
     sizes = [np.linalg.norm(matrix, axis=0) for matrix in tried]
     matrix, found = tried[-1].copy(), np.full(count, float(WIDER_STEPS[-1]))
+    smooth = np.ones(count, bool)  # from there on
     for wider, steep, size, beyond in zip(WIDER_STEPS[-2::-1], tried[-2::-1], sizes[-2::-1], sizes[:0:-1], strict=True):
-        smooth = size <= TOO_STEEP * beyond
+        smooth &= size <= TOO_STEEP * beyond
         matrix[:, smooth], found[smooth] = steep[:, smooth], float(wider)
     return matrix, found
 
