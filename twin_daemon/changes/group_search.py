@@ -106,13 +106,17 @@ def _select(group: Group, price: float) -> GroupFound:
 
 
 def _rivals(fits: Mapping[int, Fit], best: int) -> tuple[int, ...]:
-    """Changes that the best one does not beat by as much as its own evidence scatters by where it has ended."""
+    """Changes that the best one does not beat by as much as its own evidence scatters by where it has ended.
+
+    Nor does it where only the widths of their priors tell them apart: play under a load that pulls one way reads like
+    an offset of half the gap.
+    """
     found, others = fits[best], [(i, one) for i, one in fits.items() if i != best]
     if not others:
         return ()
     apart = max(float(TOLD_APART_NATS), ROUGH * found.pair.roughness(found))
-    behind = ((i, found.log_evidence - one.log_evidence, least_apart(one.pair, best, i)) for i, one in others)
-    return tuple(i for i, nats, least in behind if nats < max(apart, least))
+    nats = {i: min(found.log_evidence - one.log_evidence, 0.5 * (one.cost - found.cost)) for i, one in others}
+    return tuple(i for i, one in others if nats[i] < max(apart, least_apart(one.pair, best, i)))
 
 
 def _needed(
