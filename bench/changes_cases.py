@@ -148,9 +148,11 @@ def make(folder: Path, model: Path, change: str, seed: int, seconds: float = 20.
     return case
 
 
-def record(plant: Plant, path: Path, week: int, seed: int, seconds: float, rng: np.random.Generator) -> None:
+def record(
+    plant: Plant, path: Path, week: int, seed: int, seconds: float, rng: np.random.Generator, *, slow: bool = False
+) -> None:
     """Writes what a plant shows of a motion in a week."""
-    time_s, commands = _motion(plant.model, seed, seconds)
+    time_s, commands = (_closing if slow else _motion)(plant.model, seed, seconds)
     angles = plant.moved(commands)
     angles[:, plant.joint] = plant.gain * angles[:, plant.joint] + plant.offset_rad
     stamps = time_s + 1.0 / RATE_HZ + rng.normal(0.0, JITTER_S, len(time_s))
@@ -190,12 +192,30 @@ def _worn(plant: Plant, change: str) -> None:
         plant.gap_rad = GAP_RAD
 
 
+def _moved(m: mujoco.MjModel) -> np.ndarray:
+    """(nu,) bool: the servos that a motion moves."""
+    return np.array([m.actuator(a).name.replace("_A_", "_") in MOVED for a in range(m.nu)])
+
+
+def _closing(m: mujoco.MjModel, seed: int, seconds: float) -> tuple[np.ndarray, np.ndarray]:
+    """((n,) s, (n, nu) rad): open, closed slowly, held and opened again, as a hand at work does."""
+    rng = np.random.default_rng(seed)
+    time_s = np.arange(0.0, seconds, 1.0 / RATE_HZ)
+    low, high = m.actuator_ctrlrange.T
+    open_s, closing_s, held_s = rng.uniform(0.06, 0.1) * seconds, rng.uniform(0.3, 0.36) * seconds, 0.12 * seconds
+    closed = rng.uniform(0.75, 0.85)
+    ends = np.cumsum([0.0, open_s, closing_s, held_s, closing_s])
+    share = np.interp(time_s, ends, [0.1, 0.1, closed, closed, 0.1])
+    rest = np.clip(0.0, low, high)
+    return time_s, np.where(_moved(m), low + share[:, None] * (high - low), rest)
+
+
 def _motion(m: mujoco.MjModel, seed: int, seconds: float) -> tuple[np.ndarray, np.ndarray]:
     """((n,) s, (n, nu) rad): a slow ramp, held steps and a sum of sines, a third each."""
     rng = np.random.default_rng(seed)
     time_s = np.arange(0.0, seconds, 1.0 / RATE_HZ)
     low, high = m.actuator_ctrlrange.T
-    moved = np.array([m.actuator(a).name.replace("_A_", "_") in MOVED for a in range(m.nu)])
+    moved = _moved(m)
     commands = np.tile(np.where(moved, 0.5 * (low + high), np.clip(0.0, low, high)), (len(time_s), 1))
     third = seconds / 3.0
     for a in np.flatnonzero(moved):

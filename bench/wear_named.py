@@ -35,8 +35,11 @@ LAWS: Mapping[str, tuple[str | None, float, float]] = {
     "offset after a repair": ("sensor_offset", 0.01, 0.03),
     "temperature swings": (None, SWING, SWING),
     "nothing": (None, 0.0, 0.0),
+    "tendon stretches": ("tendon_elasticity", 0.03, 0.08),
 }
 """What wears: the effect that is right, the least and the greatest amount (a week; once, for play and an offset)."""
+TENDON = 3.0
+"""Times the servo's stiffness: a tendon's, before it stretches."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +100,7 @@ class Hand:
         return min((week for week, amount in worn.items() if amount >= bound), default=None)
 
 
-def watched(folder: Path, model: Path, seed: int, weeks: Sequence[int]) -> Hand:
+def watched(folder: Path, model: Path, seed: int, weeks: Sequence[int], slow: bool) -> Hand:
     """Makes a hand's recordings and compares each week with the first."""
     rng = np.random.default_rng([seed, 77])
     law = list(LAWS)[seed % len(LAWS)]
@@ -114,7 +117,7 @@ def watched(folder: Path, model: Path, seed: int, weeks: Sequence[int]) -> Hand:
         worn = _wear(plant, law, week, rate, begins, warm)
         bag = folder / f"hand{seed}_week{week}"
         if not bag.exists():
-            record(plant, bag, week, 1000 * seed + week, SECONDS, rng)
+            record(plant, bag, week, 1000 * seed + week, SECONDS, rng, slow=slow)
         read = align(twin, load_recording(bag))
         if healthy is None:
             healthy = read
@@ -145,6 +148,10 @@ def _wear(plant: Plant, law: str, week: int, rate: float, begins: int, warm: tup
         ratio = 1.0 - rate * week
         m.actuator_gainprm[a, 0] *= ratio
         m.actuator_biasprm[a, 1] *= ratio
+        return ratio
+    if law == "tendon stretches":
+        ratio = 1.0 / (1.0 + rate * week)
+        plant.tendon = TENDON * ratio * float(m.actuator_gainprm[a, 0])
         return ratio
     there = rate if week >= begins else 0.0
     if law == "play appears":
@@ -226,13 +233,16 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, required=True, help="recordings and answers")
     parser.add_argument("--hands", type=int, nargs="+", default=[0])
     parser.add_argument("--weeks", type=int, nargs="+", default=list(range(1, WEEKS + 1)))
+    parser.add_argument(
+        "--slow", action="store_true", help="each look is one slow closing and opening, not a rich motion"
+    )
     parser.add_argument("--page", type=Path)
     given = parser.parse_args()
     given.folder.mkdir(parents=True, exist_ok=True)
     for seed in given.hands:
         answer = given.folder / f"hand{seed}.json"
         if not answer.exists():
-            answer.write_text(json.dumps(asdict(watched(given.folder, given.model, seed, given.weeks))))
+            answer.write_text(json.dumps(asdict(watched(given.folder, given.model, seed, given.weeks, given.slow))))
     hands = [_read(path) for path in sorted(given.folder.glob("hand*.json"))]
     text = page(hands)
     print(text)
