@@ -21,6 +21,9 @@ from twin_daemon.simulation.alignment import Aligned, judged_joints, moving_join
 from twin_daemon.simulation.submodel import Part, drive_groups
 from twin_daemon.simulation.twin import TwinModel
 
+_Chosen = tuple[Part, list[str]]
+"""A group of a twin, with those of its joints that are looked at."""
+
 
 def changes_since(
     twin: TwinModel,
@@ -108,9 +111,6 @@ def changes_since(
         touching, near=near, unanswering=[name for name in unanswering_joints(twin, now) if name in moving]
     )
     return conclude(found, told, now, left_out, seed, interrupted, warmed)
-
-
-_Chosen = tuple[Part, list[str]]
 
 
 def _cut(
