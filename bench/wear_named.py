@@ -115,7 +115,7 @@ def watched(folder: Path, model: Path, seed: int, weeks: Sequence[int], slow: bo
     for week in (0, *weeks):
         plant = plant_of(model, joint, body * rng.normal(1.0, BETWEEN_SESSIONS, (3, 64)))
         worn = _wear(plant, law, week, rate, begins, warm)
-        bag = folder / f"hand{seed}_week{week}"
+        bag = folder / f"{'slow_' if slow else ''}hand{seed}_week{week}"
         if not bag.exists():
             record(plant, bag, week, 1000 * seed + week, SECONDS, rng, slow=slow)
         read = align(twin, load_recording(bag))
@@ -174,7 +174,7 @@ def _least(found: Since, effect: str | None) -> float | None:
     return None if said is None else said.least_ratio or said.least
 
 
-def page(hands: Sequence[Hand]) -> str:
+def page(hands: Sequence[Hand], slow: bool) -> str:
     """The table, and the rates below it."""
     rows, within, late = [], 0, 0
     for hand in hands:
@@ -195,8 +195,10 @@ def page(hands: Sequence[Hand]) -> str:
     alarms = sum(len(look.named) for hand in unworn for look in hand.looks)
     silent = sum(look.verdict == "not_excited" for hand in hands for look in hand.looks)
     seconds = float(np.median([look.took_s for hand in hands for look in hand.looks]))
+    motion = "one slow closing and opening" if slow else "ramps, steps and sines"
     return _PAGE.format(
-        rows="\n".join(rows), hands=len(hands), looks=looks, within=within, late=late, wrong=wrong, tied=tied,
+        motion=motion, rows="\n".join(rows),
+        hands=len(hands), looks=looks, within=within, late=late, wrong=wrong, tied=tied,
         unworn=len(unworn), alarms=alarms, swayed=len(under_swings) - weather, weather=weather,
         silent=silent, seconds=seconds,
     )  # fmt: skip
@@ -206,10 +208,10 @@ _PAGE = """# Weeks of wear, named
 
 Made by `python -m bench.wear_named --model right_hand.xml --folder FOLDER --hands N... --page docs/wear-named.md`. Each
 hand is a simulated Shadow Hand with values up to 20 % off the model and a percent off between sessions. One finger
-joint wears by a law drawn at random. Each look is a recording of 16 s, compared with week 0 (`twin diagnose
---baseline`); only the joint that wears is looked at. *Reached* is the first look at which the wear is three times what
-the first look would have shown. A name before anything has worn counts as wrong, and so does a second name beside the
-right one.
+joint wears by a law drawn at random. Each look is a recording of 16 s of {motion},
+compared with week 0 (`twin diagnose --baseline`); only the joint that wears is looked at. *Reached* is the first look
+at which the wear is three times what the first look would have shown. A name before anything has worn counts as
+wrong, and so does a second name beside the right one.
 
 | hand | law | joint | reached | first right name | wrong names | named |
 |---|---|---|---|---|---|---|
@@ -239,12 +241,13 @@ def main() -> None:
     parser.add_argument("--page", type=Path)
     given = parser.parse_args()
     given.folder.mkdir(parents=True, exist_ok=True)
+    kind = "slow_hand" if given.slow else "hand"  # a look is never compared with one of another motion
     for seed in given.hands:
-        answer = given.folder / f"hand{seed}.json"
+        answer = given.folder / f"{kind}{seed}.json"
         if not answer.exists():
             answer.write_text(json.dumps(asdict(watched(given.folder, given.model, seed, given.weeks, given.slow))))
-    hands = [_read(path) for path in sorted(given.folder.glob("hand*.json"))]
-    text = page(hands)
+    hands = [_read(path) for path in sorted(given.folder.glob(f"{kind}*.json"))]
+    text = page(hands, given.slow)
     print(text)
     if given.page:
         given.page.write_text(text, encoding="utf-8")

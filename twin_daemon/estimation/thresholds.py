@@ -88,7 +88,12 @@ SPEED_SAMPLES = Count(5, "samples", "to either side, from which a speed is read 
 LEAST_CORRELATION_S = Threshold(
     0.02, "s", "over which the residual of a right model repeats itself, at least: its servo's time counts"
 )
-FINER_STEPS = Threshold(4.0, "1", "time steps in one: the finer roll-out that tells the time step's error")
+FINER_STEPS = Threshold(
+    4.0,
+    "1",
+    "time steps in one: the finer roll-out that tells the time step's error, and those that a change of an effect is "
+    "looked for with",
+)
 MODEL_ERROR_RAD = Threshold(2e-3, "rad", "off even in a good model of a hand: the error to reckon with before a fit")
 EXPECTED_CORRELATION_S = Threshold(0.1, "s", "of a fitted hand's residual, for data that have not been fitted yet")
 
